@@ -1,0 +1,195 @@
+//! A chain of straight segments with arc length: lane bounds, centre lines, stop lines.
+
+use super::{Point, Vector, cross};
+
+/// A polyline of at least two points, without zero-length segments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Polyline {
+    points: Vec<Point>,
+    /// Arc length from the first point to each point, m.
+    stations: Vec<f64>,
+}
+
+/// Points nearer than this are one point (m): file coordinates carry millimetres at best.
+const SAME_POINT: f64 = 1e-6;
+
+/// Where a point lies against a polyline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// Arc length of the foot point, m.
+    pub station: f64,
+    /// Signed distance, m, positive to the left.
+    pub offset: f64,
+    /// The foot point.
+    pub foot: Point,
+}
+
+impl Polyline {
+    /// Builds the polyline, dropping repeated points. `None` if fewer than two distinct finite points remain.
+    #[must_use]
+    pub fn new(points: impl IntoIterator<Item = Point>) -> Option<Self> {
+        let mut kept: Vec<Point> = Vec::new();
+        let mut stations = Vec::new();
+        let mut length = 0.0;
+        for p in points {
+            if !(p.x.is_finite() && p.y.is_finite()) {
+                return None;
+            }
+            if let Some(last) = kept.last() {
+                let step = (p - last).norm();
+                if step < SAME_POINT {
+                    continue;
+                }
+                length += step;
+            }
+            kept.push(p);
+            stations.push(length);
+        }
+        (kept.len() >= 2).then_some(Self { points: kept, stations })
+    }
+
+    /// The points, at least two.
+    #[must_use]
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// Arc length of each point, m.
+    #[must_use]
+    pub fn stations(&self) -> &[f64] {
+        &self.stations
+    }
+
+    /// Total length, m.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.stations[self.stations.len() - 1]
+    }
+
+    /// The first point.
+    #[must_use]
+    pub fn first(&self) -> Point {
+        self.points[0]
+    }
+
+    /// The last point.
+    #[must_use]
+    pub fn last(&self) -> Point {
+        self.points[self.points.len() - 1]
+    }
+
+    /// The segment (index of its first point) that holds `station`, clamped to the ends.
+    fn segment_at(&self, station: f64) -> usize {
+        let upper = self.stations.partition_point(|&s| s <= station);
+        upper.clamp(1, self.points.len() - 1) - 1
+    }
+
+    /// The point at `station`; beyond the ends, on the straight continuation of the end segments.
+    #[must_use]
+    pub fn at(&self, station: f64) -> Point {
+        let i = self.segment_at(station);
+        self.points[i] + self.direction(i) * (station - self.stations[i])
+    }
+
+    /// Unit direction of segment `i`.
+    fn direction(&self, i: usize) -> Vector {
+        (self.points[i + 1] - self.points[i]) / (self.stations[i + 1] - self.stations[i])
+    }
+
+    /// Heading of the segment at `station`, rad.
+    #[must_use]
+    pub fn yaw_at(&self, station: f64) -> f64 {
+        let d = self.direction(self.segment_at(station));
+        d.y.atan2(d.x)
+    }
+
+    /// The nearest point of the polyline (ends included, not extended), with its signed offset.
+    #[must_use]
+    pub fn project(&self, p: Point) -> Projection {
+        let mut best = Projection { station: 0.0, offset: f64::INFINITY, foot: self.points[0] };
+        for i in 0..self.points.len() - 1 {
+            let length = self.stations[i + 1] - self.stations[i];
+            let direction = self.direction(i);
+            let along = (p - self.points[i]).dot(&direction).clamp(0.0, length);
+            let foot = self.points[i] + direction * along;
+            let distance = (p - foot).norm();
+            if distance < best.offset.abs() {
+                let side = if cross(direction, p - self.points[i]) < 0.0 { -1.0 } else { 1.0 };
+                best = Projection { station: self.stations[i] + along, offset: side * distance, foot };
+            }
+        }
+        best
+    }
+
+    /// The part between two stations (clamped to the ends). `None` if it would be shorter than a point.
+    #[must_use]
+    pub fn slice(&self, from: f64, to: f64) -> Option<Self> {
+        let (from, to) = (from.max(0.0), to.min(self.length()));
+        if to <= from {
+            return None;
+        }
+        let inner = self.points.iter().zip(&self.stations).filter(|(_, s)| **s > from && **s < to).map(|(p, _)| *p);
+        Self::new(std::iter::once(self.at(from)).chain(inner).chain(std::iter::once(self.at(to))))
+    }
+
+    /// The same line run backwards.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        let total = self.length();
+        Self {
+            points: self.points.iter().rev().copied().collect(),
+            stations: self.stations.iter().rev().map(|s| total - s).collect(),
+        }
+    }
+
+    /// Points every `spacing` metres at most, both ends included.
+    #[must_use]
+    pub fn resampled(&self, spacing: f64) -> Vec<Point> {
+        let steps = (self.length() / spacing).ceil().max(1.0);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of samples
+        (0..=steps as usize).map(|i| self.at(self.length() * i as f64 / steps)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn corner() -> Polyline {
+        Polyline::new([Point::new(0.0, 0.0), Point::new(10.0, 0.0), Point::new(10.0, 0.0), Point::new(10.0, 5.0)])
+            .unwrap()
+    }
+
+    #[test]
+    fn repeated_points_are_dropped_and_one_point_is_no_line() {
+        assert_eq!(corner().points().len(), 3);
+        assert_eq!(corner().length(), 15.0);
+        assert!(Polyline::new([Point::new(1.0, 1.0), Point::new(1.0, 1.0)]).is_none());
+        assert!(Polyline::new([Point::new(1.0, f64::NAN), Point::new(1.0, 1.0)]).is_none());
+    }
+
+    #[test]
+    fn left_is_positive_and_stations_run_along() {
+        let p = corner().project(Point::new(4.0, 1.5));
+        assert_eq!((p.station, p.offset), (4.0, 1.5));
+        let p = corner().project(Point::new(4.0, -1.5));
+        assert_eq!((p.station, p.offset), (4.0, -1.5));
+        let p = corner().project(Point::new(9.0, 4.0));
+        assert_eq!((p.station, p.offset), (14.0, 1.0));
+    }
+
+    #[test]
+    fn slice_keeps_inner_corners() {
+        let s = corner().slice(8.0, 12.0).unwrap();
+        assert_eq!(s.length(), 4.0);
+        assert_eq!(s.points().len(), 3);
+        assert_eq!(s.at(2.0), Point::new(10.0, 0.0));
+        assert!(corner().slice(16.0, 20.0).is_none());
+    }
+
+    #[test]
+    fn beyond_the_end_the_last_segment_goes_on() {
+        assert_eq!(corner().at(16.0), Point::new(10.0, 6.0));
+        assert_eq!(corner().at(-1.0), Point::new(-1.0, 0.0));
+    }
+}

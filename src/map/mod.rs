@@ -1,0 +1,50 @@
+//! The world without a file format: road network, obstacles with their predictions, planning problems.
+//!
+//! Readers in [`crate::io`] produce these types together with the [`Issue`]s they met; every later stage only reads
+//! them. Positions are world coordinates in metres (UTM magnitudes are fine: everything is `f64`).
+
+mod network;
+mod obstacle;
+mod problem;
+mod shape;
+
+pub use network::{Lanelet, LaneletId, Neighbour, RoadNetwork, StopLine, TrafficLight, TrafficSign};
+pub use obstacle::{Motion, Obstacle, ObstacleKind, TimedOccupancy, TimedPose};
+pub use problem::{Goal, GoalPosition, InitialState, Interval, PlanningProblem};
+pub use shape::{ConvexPart, Part, Shape};
+
+/// A scenario: what a planner is given.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// The file's own name for it (CommonRoad benchmark id).
+    pub id: String,
+    /// Version of the file format, e.g. `2020a`.
+    pub version: String,
+    /// Duration of one time step of the file, s. Positive and finite.
+    pub time_step: f64,
+    /// Lanes and rules.
+    pub network: RoadNetwork,
+    /// Everything that can be hit, static and moving.
+    pub obstacles: Vec<Obstacle>,
+    /// The tasks set by the file, at least one after reading a scenario.
+    pub problems: Vec<PlanningProblem>,
+    /// What the reader had to repair or leave out.
+    pub issues: Vec<Issue>,
+}
+
+/// Something in a file that the reader repaired or left out. The map is still usable.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Issue {
+    /// Line in the file, 1-based; 0 when it concerns the file as a whole.
+    pub line: u32,
+    /// The element, with its id when it has one: `lanelet 12`.
+    pub element: String,
+    /// What was found, what was expected, what was done.
+    pub message: String,
+}
+
+impl std::fmt::Display for Issue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "line {}: {}: {}", self.line, self.element, self.message)
+    }
+}

@@ -1,0 +1,115 @@
+//! Lanelets, their neighbourhood and the rules that hold on them.
+
+use std::collections::BTreeMap;
+
+use crate::geometry::Point;
+use crate::geometry::polyline::Polyline;
+
+/// Id of a lanelet, as in the file.
+pub type LaneletId = i64;
+
+/// The road network. Lanelets are kept in order of their ids, so that every walk over them is reproducible.
+#[derive(Debug, Clone, Default)]
+pub struct RoadNetwork {
+    /// All lanelets by id.
+    pub lanelets: BTreeMap<LaneletId, Lanelet>,
+    /// Traffic signs by id.
+    pub signs: BTreeMap<i64, TrafficSign>,
+    /// Traffic lights by id.
+    pub lights: BTreeMap<i64, TrafficLight>,
+}
+
+/// A neighbour beside a lanelet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Neighbour {
+    /// The neighbour's id.
+    pub id: LaneletId,
+    /// Whether it is driven in the same direction.
+    pub same_direction: bool,
+}
+
+/// An atomic piece of lane between two bounds.
+#[derive(Debug, Clone)]
+pub struct Lanelet {
+    /// Id in the file.
+    pub id: LaneletId,
+    /// Left bound, in driving direction.
+    pub left: Polyline,
+    /// Right bound, in driving direction.
+    pub right: Polyline,
+    /// Middle between the bounds, in driving direction.
+    pub centre: Polyline,
+    /// Lanelets that follow.
+    pub successors: Vec<LaneletId>,
+    /// Lanelets that lead here.
+    pub predecessors: Vec<LaneletId>,
+    /// Neighbour on the left.
+    pub adjacent_left: Option<Neighbour>,
+    /// Neighbour on the right.
+    pub adjacent_right: Option<Neighbour>,
+    /// Speed limit from traffic signs on this lanelet, m/s.
+    pub speed_limit: Option<f64>,
+    /// Stop line on this lanelet.
+    pub stop_line: Option<StopLine>,
+    /// Ids of the traffic signs that apply.
+    pub signs: Vec<i64>,
+    /// Ids of the traffic lights that apply.
+    pub lights: Vec<i64>,
+    /// Types as in the file: `urban`, `crosswalk`, `intersection`, …
+    pub types: Vec<String>,
+}
+
+impl Lanelet {
+    /// The outline, counter-clockwise for a lanelet whose bounds are the right way round: right bound forwards, left
+    /// bound backwards. Not closed.
+    #[must_use]
+    pub fn outline(&self) -> Vec<Point> {
+        self.right.points().iter().chain(self.left.points().iter().rev()).copied().collect()
+    }
+
+    /// Whether cars may drive here. Footways, cycle paths, crosswalks, bus and rail lanes are not for them.
+    #[must_use]
+    pub fn is_drivable(&self) -> bool {
+        const CLOSED: [&str; 5] = ["sidewalk", "bicycleLane", "crosswalk", "border", "parking"];
+        !self.types.iter().any(|t| CLOSED.contains(&t.as_str()))
+    }
+
+    /// Whether the point lies inside the outline (even–odd rule; on the border either answer).
+    #[must_use]
+    pub fn contains(&self, p: Point) -> bool {
+        super::shape::polygon_contains(&self.outline(), p)
+    }
+}
+
+/// A line at which to stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StopLine {
+    /// Left end.
+    pub start: Point,
+    /// Right end.
+    pub end: Point,
+}
+
+/// A traffic sign, kept as in the file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrafficSign {
+    /// Id in the file.
+    pub id: i64,
+    /// Sign numbers with their additional values: `("274", ["13.89"])`.
+    pub elements: Vec<(String, Vec<String>)>,
+    /// Position, when given.
+    pub position: Option<Point>,
+}
+
+/// A traffic light with its cycle, kept as in the file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrafficLight {
+    /// Id in the file.
+    pub id: i64,
+    /// Colour and duration in time steps, in order.
+    pub cycle: Vec<(String, u32)>,
+    /// Offset of the cycle, time steps.
+    pub offset: i64,
+    /// Position, when given.
+    pub position: Option<Point>,
+}

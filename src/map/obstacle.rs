@@ -1,0 +1,140 @@
+//! Obstacles and what is known of their motion.
+
+use super::{ConvexPart, Shape};
+use crate::geometry::Pose;
+
+/// An obstacle with its shape and motion.
+#[derive(Debug, Clone)]
+pub struct Obstacle {
+    /// Id in the file.
+    pub id: i64,
+    /// What it is.
+    pub kind: ObstacleKind,
+    /// Shape in the obstacle's frame. For [`Motion::Occupancy`] it is used only until the first predicted set.
+    pub shape: Shape,
+    /// How it moves.
+    pub motion: Motion,
+}
+
+/// What an obstacle is, as far as planning cares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ObstacleKind {
+    /// Car, truck, bus, motorcycle, train, …
+    Vehicle,
+    /// Bicycle.
+    Bicycle,
+    /// Pedestrian.
+    Pedestrian,
+    /// Parked vehicle.
+    ParkedVehicle,
+    /// Building, construction zone, pillar, boundary.
+    Structure,
+    /// Anything else.
+    Unknown,
+}
+
+/// What is known of an obstacle's motion. Times are seconds since time step 0 of the file.
+#[derive(Debug, Clone)]
+pub enum Motion {
+    /// It stays where it is, for ever.
+    Static(Pose),
+    /// A predicted trajectory of the shape's frame, in order of time, at least one state. Before its first and after
+    /// its last state the obstacle does not exist, as CommonRoad has it.
+    Trajectory(Vec<TimedPose>),
+    /// A set-based prediction: a region for each time interval, in order of time.
+    Occupancy(Vec<TimedOccupancy>),
+}
+
+/// A pose at a time, with the speed along its heading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimedPose {
+    /// Time, s.
+    pub time: f64,
+    /// Pose of the shape's frame.
+    pub pose: Pose,
+    /// Speed, m/s.
+    pub speed: f64,
+}
+
+/// A region that may be occupied during a time interval.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedOccupancy {
+    /// Start of the interval, s.
+    pub from: f64,
+    /// End of the interval, s.
+    pub to: f64,
+    /// The region, in world coordinates.
+    pub region: Shape,
+}
+
+impl Obstacle {
+    /// Whether it never moves.
+    #[must_use]
+    pub fn is_static(&self) -> bool {
+        matches!(self.motion, Motion::Static(_))
+    }
+
+    /// Pose of the shape's frame at `time`, interpolated between states; `None` while it does not exist, and for
+    /// set-based predictions, which have no pose.
+    #[must_use]
+    pub fn pose_at(&self, time: f64) -> Option<Pose> {
+        self.state_at(time).map(|state| state.pose)
+    }
+
+    /// Pose and speed at `time`, interpolated between states.
+    #[must_use]
+    pub fn state_at(&self, time: f64) -> Option<TimedPose> {
+        match &self.motion {
+            Motion::Static(pose) => Some(TimedPose { time, pose: *pose, speed: 0.0 }),
+            Motion::Trajectory(states) => {
+                /// Times of steps are products `k · dt`: allow their rounding.
+                const SLACK: f64 = 1e-9;
+                let (first, last) = (states.first()?, states.last()?);
+                if time < first.time - SLACK || time > last.time + SLACK {
+                    return None;
+                }
+                let after = states.partition_point(|s| s.time <= time);
+                if after == 0 {
+                    return Some(*first);
+                }
+                let before = &states[after - 1];
+                let Some(next) = states.get(after) else { return Some(*last) };
+                let ratio = (time - before.time) / (next.time - before.time);
+                Some(TimedPose {
+                    time,
+                    pose: before.pose.interpolated(&next.pose, ratio),
+                    speed: before.speed + (next.speed - before.speed) * ratio,
+                })
+            }
+            Motion::Occupancy(_) => None,
+        }
+    }
+
+    /// The convex pieces occupied at `time`, in world coordinates; empty while it does not exist.
+    #[must_use]
+    pub fn occupied_at(&self, time: f64) -> Vec<ConvexPart> {
+        match &self.motion {
+            Motion::Occupancy(sets) => {
+                sets.iter().filter(|o| o.from <= time && time <= o.to).flat_map(|o| o.region.convex_parts()).collect()
+            }
+            _ => match self.pose_at(time) {
+                Some(pose) => self.shape.convex_parts().iter().map(|part| part.at(&pose)).collect(),
+                None => Vec::new(),
+            },
+        }
+    }
+
+    /// The time interval in which the obstacle exists, s.
+    #[must_use]
+    pub fn lifetime(&self) -> (f64, f64) {
+        match &self.motion {
+            Motion::Static(_) => (f64::NEG_INFINITY, f64::INFINITY),
+            Motion::Trajectory(states) => {
+                (states.first().map_or(f64::INFINITY, |s| s.time), states.last().map_or(f64::NEG_INFINITY, |s| s.time))
+            }
+            Motion::Occupancy(sets) => {
+                (sets.first().map_or(f64::INFINITY, |s| s.from), sets.last().map_or(f64::NEG_INFINITY, |s| s.to))
+            }
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! The physics rig: a rapier world in which the vehicle follows trajectories with mass, tyres and slow actuators.
+
+use crate::geometry::Pose;
+
+/// What the rig measured at one instant. Logged at a fixed rate of at least 100 Hz.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Time of the run, s.
+    pub time: f64,
+    /// Rear-axle pose.
+    pub pose: Pose,
+    /// Speed of the rear axle along the heading, m/s.
+    pub speed: f64,
+    /// Speed of the rear axle to the left, m/s.
+    pub lateral_speed: f64,
+    /// Yaw rate, rad/s.
+    pub yaw_rate: f64,
+    /// Acceleration of the centre of mass along the heading, m/s².
+    pub acceleration: f64,
+    /// Acceleration of the centre of mass to the left, m/s².
+    pub lateral_acceleration: f64,
+    /// Steering angle, rad.
+    pub steering: f64,
+    /// Acceleration asked of drive and brakes, m/s².
+    pub commanded_acceleration: f64,
+    /// Steering angle asked for, rad.
+    pub commanded_steering: f64,
+    /// Rear-axle pose that the trajectory wants now.
+    pub wanted_pose: Pose,
+    /// Speed that the trajectory wants now, m/s.
+    pub wanted_speed: f64,
+    /// Station on the trajectory's path that is wanted now, m.
+    pub wanted_station: f64,
+}
+
+/// A contact between the vehicle and an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// Time of the run, s.
+    pub time: f64,
+    /// The obstacle's id.
+    pub obstacle: i64,
+    /// Where on the vehicle it struck: the contact's position in the rear-axle frame, m.
+    pub at_rear_axle_frame: crate::geometry::Point,
+    /// The vehicle's speed at that moment, m/s.
+    pub speed: f64,
+}
+
+/// Everything that the rig measured in a run.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Log {
+    /// Samples in order of time; the first is the initial state.
+    pub samples: Vec<Sample>,
+    /// The first contact, if any. The run ends with it.
+    pub contact: Option<Contact>,
+    /// Time at which a non-finite number was found in the physics, s. The run ends with it.
+    pub broke_at: Option<f64>,
+}

@@ -1,0 +1,175 @@
+//! The vehicle: dimensions, limits, tyres and actuators, single-track kinematics.
+//!
+//! Inside the program a vehicle's pose is at the **centre of the rear axle**; [`Vehicle::centre_of_rear_axle`] and
+//! [`Vehicle::rear_axle_of_centre`] convert to and from the centre that CommonRoad files use.
+
+mod read;
+
+pub use read::{VehicleError, builtin_names, load};
+
+use crate::geometry::{Point, Pose};
+
+/// A vehicle, checked when read: every number finite, masses and lengths positive.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Vehicle {
+    /// Name, e.g. `bmw_320i`.
+    pub name: String,
+    /// CommonRoad vehicle type id (1 Ford Escort, 2 BMW 320i, 3 VW Vanagon), when it is one of the published ones.
+    pub commonroad_type: Option<u8>,
+    /// Outer length of the footprint, m.
+    pub length: f64,
+    /// Outer width of the footprint, m.
+    pub width: f64,
+    /// Distance between the axles, m.
+    pub wheelbase: f64,
+    /// Distance from the rear axle forward to the middle of the footprint, m.
+    pub rear_axle_to_centre: f64,
+    /// Distance from the rear axle forward to the centre of mass, m.
+    pub rear_axle_to_mass: f64,
+    /// Height of the centre of mass, m.
+    pub mass_height: f64,
+    /// Distance between the wheels of an axle, m.
+    pub track_width: f64,
+    /// Total mass, kg.
+    pub mass: f64,
+    /// Yaw inertia of the whole vehicle about its centre of mass, kg m².
+    pub yaw_inertia: f64,
+    /// Wheel radius, m.
+    pub wheel_radius: f64,
+    /// Spin inertia of one wheel about its axle, kg m².
+    pub wheel_inertia: f64,
+    /// Limits of motion.
+    pub limits: Limits,
+    /// Tyres.
+    pub tyres: Tyres,
+    /// Actuators.
+    pub actuators: Actuators,
+    /// Comfort limits for planning and for the verdict.
+    pub comfort: Comfort,
+}
+
+/// What the vehicle can do at the utmost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// Largest steering angle of the (virtual middle) front wheel, rad.
+    pub steering: f64,
+    /// Largest steering rate, rad/s.
+    pub steering_rate: f64,
+    /// Largest steering acceleration, rad/s².
+    pub steering_acceleration: f64,
+    /// Top speed, m/s.
+    pub speed: f64,
+    /// Largest drive acceleration, m/s².
+    pub acceleration: f64,
+    /// Speed above which the drive is limited by power (a·v constant), m/s.
+    pub switching_speed: f64,
+    /// Largest braking deceleration the brakes can ask of the tyres, m/s², positive.
+    pub deceleration: f64,
+}
+
+/// Tyre and resistance parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tyres {
+    /// Peak friction coefficient on dry road.
+    pub friction: f64,
+    /// Cornering stiffness coefficient per unit of load, front (C_y = coefficient · F_z), 1/rad.
+    pub cornering_front: f64,
+    /// Cornering stiffness coefficient per unit of load, rear, 1/rad.
+    pub cornering_rear: f64,
+    /// Longitudinal slip stiffness per unit of load.
+    pub longitudinal: f64,
+    /// Relaxation length, m.
+    pub relaxation_length: f64,
+    /// Rolling resistance coefficient.
+    pub rolling_resistance: f64,
+    /// Aerodynamic drag, ½ρ c_w A, N s²/m².
+    pub drag: f64,
+}
+
+/// Actuator dynamics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Actuators {
+    /// Time constant of the drive, s.
+    pub drive_lag: f64,
+    /// Time constant of the brakes, s.
+    pub brake_lag: f64,
+    /// Time constant of the steering's position loop, s.
+    pub steering_lag: f64,
+    /// Share of drive force on the front axle, 0…1.
+    pub drive_front_share: f64,
+    /// Share of brake force on the front axle, 0…1.
+    pub brake_front_share: f64,
+}
+
+/// Limits of comfort; decelerations are positive numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Comfort {
+    /// Comfortable acceleration, m/s².
+    pub acceleration: f64,
+    /// Comfortable deceleration, m/s².
+    pub deceleration: f64,
+    /// Aggressive deceleration, tolerated in stopping proofs, m/s².
+    pub aggressive_deceleration: f64,
+    /// Lateral acceleration, m/s².
+    pub lateral_acceleration: f64,
+    /// Longitudinal jerk, m/s³.
+    pub jerk: f64,
+}
+
+impl Vehicle {
+    /// Pose of the footprint's centre for a pose of the rear axle.
+    #[must_use]
+    pub fn centre_of_rear_axle(&self, rear_axle: &Pose) -> Pose {
+        rear_axle.advanced(self.rear_axle_to_centre)
+    }
+
+    /// Pose of the rear axle for a pose of the footprint's centre.
+    #[must_use]
+    pub fn rear_axle_of_centre(&self, centre: &Pose) -> Pose {
+        centre.advanced(-self.rear_axle_to_centre)
+    }
+
+    /// The footprint's corners in the rear-axle frame, counter-clockwise from rear right.
+    #[must_use]
+    pub fn footprint(&self) -> [Point; 4] {
+        let (front, rear) =
+            (self.rear_axle_to_centre + 0.5 * self.length, self.rear_axle_to_centre - 0.5 * self.length);
+        let half = 0.5 * self.width;
+        [Point::new(rear, -half), Point::new(front, -half), Point::new(front, half), Point::new(rear, half)]
+    }
+
+    /// Distance from the rear axle to the front bumper, m.
+    #[must_use]
+    pub fn front_overhang_from_rear_axle(&self) -> f64 {
+        self.rear_axle_to_centre + 0.5 * self.length
+    }
+
+    /// Largest curvature of the rear axle's path, 1/m: tan(δ_max)/wheelbase.
+    #[must_use]
+    pub fn max_curvature(&self) -> f64 {
+        self.limits.steering.tan() / self.wheelbase
+    }
+
+    /// Steering angle that drives the rear axle along `curvature` without slip, rad.
+    #[must_use]
+    pub fn steering_for_curvature(&self, curvature: f64) -> f64 {
+        (self.wheelbase * curvature).atan()
+    }
+}
+
+/// The vehicle at a moment, as measured: rear-axle pose and motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    /// Time of the run, s (0 at time step 0 of the file).
+    pub time: f64,
+    /// Pose of the rear axle's centre.
+    pub pose: Pose,
+    /// Speed of the rear axle along the heading, m/s.
+    pub speed: f64,
+    /// Longitudinal acceleration, m/s².
+    pub acceleration: f64,
+    /// Yaw rate, rad/s.
+    pub yaw_rate: f64,
+    /// Steering angle of the (virtual middle) front wheel, rad.
+    pub steering: f64,
+}
