@@ -54,7 +54,7 @@ pub enum Refutation {
 /// collision margins.
 const STATION_SLACK: f64 = 1e-3;
 /// Speed over a cap that is forgiven (m/s): caps are comfort and rule limits sampled per cell, not edges of physics.
-const SPEED_SLACK: f64 = 0.1;
+const SPEED_SLACK: f64 = 0.25;
 /// Acceleration over a limit that is forgiven (m/s²): tolerance of the quadratic program.
 const ACCELERATION_SLACK: f64 = 0.02;
 /// Distance within which the profile counts as standing on a node (m): far below any margin, far above rounding.

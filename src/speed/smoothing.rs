@@ -15,7 +15,7 @@
 //! the unsmoothed plan when that fails.
 
 use super::{SpeedPlan, SpeedProblem};
-use crate::convex::{QuadraticProgram, Status};
+use crate::convex::QuadraticProgram;
 use crate::trajectory::{SpeedKnot, SpeedProfile};
 
 /// Weights and limits of the smoothing.
@@ -42,7 +42,7 @@ impl Default for Settings {
         Self {
             jerk: 2.0,
             step: 0.2,
-            extra_time: 1.2,
+            extra_time: 2.0,
             station_weight: 0.2,
             speed_weight: 1.0,
             acceleration_weight: 0.1,
@@ -87,7 +87,7 @@ pub fn smooth(
     add_dynamics(&mut qp, &layout, searched, start_acceleration, h);
     add_bounds(&mut qp, &layout, problem, searched, start_acceleration, settings);
     let solution = qp.solve();
-    if !matches!(solution.status, Status::Solved | Status::AlmostSolved) {
+    if !solution.is_usable() {
         return None;
     }
     profile_of(&layout, &solution.x, searched, start_acceleration, h)
@@ -125,27 +125,27 @@ fn add_objective(qp: &mut QuadraticProgram, layout: &Layout, searched: &SpeedPro
         let wanted = searched.at(k as f64 * settings.step);
         // where the plan ends matters more than how it gets there
         let station_weight = if k == layout.n { END_EMPHASIS } else { 1.0 } * settings.station_weight;
-        qp.add_squared_error(layout.s(k), wanted.station, station_weight);
-        qp.add_squared_error(layout.v(k), wanted.speed, settings.speed_weight);
-        qp.add_squared_error(layout.a(k), 0.0, settings.acceleration_weight);
-        qp.add_squared_error(layout.j(k), 0.0, settings.jerk_weight);
+        qp.add_square(station_weight, &[(layout.s(k), 1.0)], wanted.station);
+        qp.add_square(settings.speed_weight, &[(layout.v(k), 1.0)], wanted.speed);
+        qp.add_square(settings.acceleration_weight, &[(layout.a(k), 1.0)], 0.0);
+        qp.add_square(settings.jerk_weight, &[(layout.j(k), 1.0)], 0.0);
     }
 }
 
 fn add_dynamics(qp: &mut QuadraticProgram, layout: &Layout, searched: &SpeedProfile, start_acceleration: f64, h: f64) {
     let start = searched.knots()[0];
-    qp.add_equality(&[(layout.s(0), 1.0)], start.station);
-    qp.add_equality(&[(layout.v(0), 1.0)], start.speed);
-    qp.add_equality(&[(layout.a(0), 1.0)], start_acceleration);
+    qp.equal(&[(layout.s(0), 1.0)], start.station);
+    qp.equal(&[(layout.v(0), 1.0)], start.speed);
+    qp.equal(&[(layout.a(0), 1.0)], start_acceleration);
     for k in 0..layout.n {
         let (s, v, a, j) = (layout.s(k), layout.v(k), layout.a(k), layout.j(k));
-        qp.add_equality(&[(s, 1.0), (v, h), (a, h * h / 2.0), (j, h * h * h / 6.0), (layout.s(k + 1), -1.0)], 0.0);
-        qp.add_equality(&[(v, 1.0), (a, h), (j, h * h / 2.0), (layout.v(k + 1), -1.0)], 0.0);
-        qp.add_equality(&[(a, 1.0), (j, h), (layout.a(k + 1), -1.0)], 0.0);
+        qp.equal(&[(s, 1.0), (v, h), (a, h * h / 2.0), (j, h * h * h / 6.0), (layout.s(k + 1), -1.0)], 0.0);
+        qp.equal(&[(v, 1.0), (a, h), (j, h * h / 2.0), (layout.v(k + 1), -1.0)], 0.0);
+        qp.equal(&[(a, 1.0), (j, h), (layout.a(k + 1), -1.0)], 0.0);
     }
-    qp.add_equality(&[(layout.v(layout.n), 1.0)], 0.0);
-    qp.add_equality(&[(layout.a(layout.n), 1.0)], 0.0);
-    qp.add_equality(&[(layout.j(layout.n), 1.0)], 0.0);
+    qp.equal(&[(layout.v(layout.n), 1.0)], 0.0);
+    qp.equal(&[(layout.a(layout.n), 1.0)], 0.0);
+    qp.equal(&[(layout.j(layout.n), 1.0)], 0.0);
 }
 
 fn add_bounds(
@@ -158,19 +158,19 @@ fn add_bounds(
 ) {
     let limits = &problem.limits;
     for k in 0..layout.n {
-        qp.add_range(&[(layout.j(k), 1.0)], -settings.jerk, settings.jerk);
+        qp.between(-settings.jerk, &[(layout.j(k), 1.0)], settings.jerk);
     }
     for k in 1..=layout.n {
         let t = k as f64 * settings.step;
         let wanted = searched.at(t);
         let (lower, upper) = corridor(problem, wanted.station, problem.start_time + t);
-        qp.add_range(&[(layout.s(k), 1.0)], lower, upper);
-        qp.add_range(&[(layout.v(k), 1.0)], 0.0, cap_at(problem, wanted.station).max(wanted.speed));
+        qp.between(lower, &[(layout.s(k), 1.0)], upper);
+        qp.between(0.0, &[(layout.v(k), 1.0)], cap_at(problem, wanted.station).max(wanted.speed));
         // the acceleration that the cycle starts with may lie outside and decays at the jerk limit
         let allowance = (start_acceleration.abs() - settings.jerk * t).max(0.0);
         let lowest = (-limits.aggressive_deceleration).min(if start_acceleration < 0.0 { -allowance } else { 0.0 });
         let highest = limits.acceleration.max(if start_acceleration > 0.0 { allowance } else { 0.0 });
-        qp.add_range(&[(layout.a(k), 1.0)], lowest, highest);
+        qp.between(lowest, &[(layout.a(k), 1.0)], highest);
     }
 }
 
@@ -188,12 +188,15 @@ fn corridor(problem: &SpeedProblem, station: f64, time: f64) -> (f64, f64) {
     (lower.min(station), upper.max(station))
 }
 
+/// How far the smoothed profile may lag behind the searched one (m) when its speed caps are read.
+const CAP_LAG: f64 = 3.0;
+
+/// The highest cap within [`CAP_LAG`] behind `station`.
 fn cap_at(problem: &SpeedProblem, station: f64) -> f64 {
-    if problem.cells() == 0 {
-        return 0.0;
-    }
-    let cell = problem.stations.partition_point(|&s| s <= station).clamp(1, problem.cells()) - 1;
-    problem.caps[cell]
+    let nodes = &problem.stations;
+    let cell = |s: f64| nodes.partition_point(|&n| n <= s).clamp(1, problem.cells().max(1)) - 1;
+    let (from, to) = (cell(station - CAP_LAG), cell(station));
+    problem.caps.get(from..=to).unwrap_or_default().iter().copied().fold(0.0, f64::max)
 }
 
 /// Speeds below this at the end of the solution are rest (m/s): the program's own tolerance is 1e-8.
@@ -229,4 +232,65 @@ fn profile_of(
     }
     *last = SpeedKnot { speed: 0.0, acceleration: 0.0, jerk: 0.0, ..*last };
     SpeedProfile::new(knots)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_support::empty_road;
+    use super::super::{Resolution, SpeedOutcome, bounds, plan, prove};
+    use super::*;
+
+    fn searched(problem: &SpeedProblem) -> SpeedProfile {
+        match plan(problem, &Resolution::default()) {
+            SpeedOutcome::Proven(found) => unsmoothed(problem, &found).unwrap(),
+            SpeedOutcome::NoSafePlan { .. } => panic!("no plan"),
+        }
+    }
+
+    fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
+        let searched = searched(problem);
+        let settings = Settings::default();
+        let smooth = smooth(problem, &searched, start_acceleration, &settings).expect("solvable");
+        assert_eq!(prove(problem, &smooth), Ok(()));
+        let jerk = smooth.knots().iter().map(|k| k.jerk.abs()).fold(0.0, f64::max);
+        assert!(jerk <= settings.jerk + 1e-3, "jerk {jerk}");
+        for pair in smooth.knots().windows(2) {
+            let reached = pair[0].after(pair[1].time - pair[0].time);
+            assert!((reached.station - pair[1].station).abs() < 1e-3, "{pair:?}");
+            assert!((reached.acceleration - pair[1].acceleration).abs() < 0.1, "acceleration jumps at {pair:?}");
+        }
+        smooth
+    }
+
+    #[test]
+    fn smoothing_keeps_the_proof_and_the_jerk_limit_from_any_start_speed() {
+        for tenth in (0..=100).step_by(5) {
+            let v = f64::from(tenth) / 10.0;
+            check(&empty_road(100.0, v), 0.0);
+            if v > 3.0 {
+                check(&empty_road(100.0, v), -1.0);
+                check(&empty_road(100.0, v), 1.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_planned_stop_is_met_to_the_centimetre() {
+        let mut problem = empty_road(60.0, 10.0);
+        problem.caps = bounds::braking_caps(&problem.stations, 1.4).iter().map(|c| c.min(15.0)).collect();
+        let end = check(&problem, 0.0).last().station;
+        assert!((end - 60.0).abs() < 0.02, "stops at {end}");
+    }
+
+    #[test]
+    fn an_impossible_start_has_no_smooth_profile() {
+        // 10 m/s with 1.5 m of road left
+        let problem = SpeedProblem { start_speed: 10.0, ..empty_road(1.5, 10.0) };
+        let short = SpeedProfile::new(vec![
+            SpeedKnot { time: 0.0, station: 0.0, speed: 10.0, acceleration: -33.3, jerk: 0.0 },
+            SpeedKnot { time: 0.3, station: 1.5, speed: 0.0, acceleration: 0.0, jerk: 0.0 },
+        ])
+        .unwrap();
+        assert_eq!(smooth(&problem, &short, 0.0, &Settings::default()), None);
+    }
 }
