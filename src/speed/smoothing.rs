@@ -10,8 +10,8 @@
 //!             lower_k ≤ s_k ≤ upper_k;  0 ≤ v_k ≤ cap_k;  −d ≤ a_k ≤ a;  |j_k| ≤ j_max
 //! ```
 //!
-//! `ŝ, v̂` is the searched plan, and the station bounds are the free corridor around it at that time. Caps are read at the
-//! searched station, which is an approximation: the caller **proves the result again** ([`super::prove`]) and keeps
+//! `ŝ, v̂` is the searched plan, and the station bounds are the free corridor around it at that time. Caps are tangents
+//! at the searched station, which is an approximation: the caller **proves the result again** ([`super::prove`]) and keeps
 //! the unsmoothed plan when that fails.
 
 use super::{SpeedPlan, SpeedProblem};
@@ -165,7 +165,10 @@ fn add_bounds(
         let wanted = searched.at(t);
         let (lower, upper) = corridor(problem, wanted.station, problem.start_time + t);
         qp.between(lower, &[(layout.s(k), 1.0)], upper);
-        qp.between(0.0, &[(layout.v(k), 1.0)], cap_at(problem, wanted.station).max(wanted.speed));
+        let (cap, slope) = cap_line(problem, wanted.station);
+        let excess = (wanted.speed - cap - slope * wanted.station).max(0.0);
+        qp.between(0.0, &[(layout.v(k), 1.0)], f64::INFINITY);
+        qp.between(f64::NEG_INFINITY, &[(layout.v(k), 1.0), (layout.s(k), -slope)], cap + excess);
         // the acceleration that the cycle starts with may lie outside and decays at the jerk limit
         let allowance = (start_acceleration.abs() - settings.jerk * t).max(0.0);
         let lowest = (-limits.aggressive_deceleration).min(if start_acceleration < 0.0 { -allowance } else { 0.0 });
@@ -188,15 +191,20 @@ fn corridor(problem: &SpeedProblem, station: f64, time: f64) -> (f64, f64) {
     (lower.min(station), upper.max(station))
 }
 
-/// How far the smoothed profile may lag behind the searched one (m) when its speed caps are read.
-const CAP_LAG: f64 = 3.0;
+/// Steepest fall of a cap that is followed, 1/s. The braking curve's slope grows without bound towards its end.
+const STEEPEST_CAP: f64 = -3.0;
 
-/// The highest cap within [`CAP_LAG`] behind `station`.
-fn cap_at(problem: &SpeedProblem, station: f64) -> f64 {
-    let nodes = &problem.stations;
-    let cell = |s: f64| nodes.partition_point(|&n| n <= s).clamp(1, problem.cells().max(1)) - 1;
-    let (from, to) = (cell(station - CAP_LAG), cell(station));
-    problem.caps.get(from..=to).unwrap_or_default().iter().copied().fold(0.0, f64::max)
+/// The cap near `station` as a line in the station, `v ≤ c + c′ s`: the tangent where caps fall (a braking curve is
+/// concave, so its tangent is close above it), the cap itself elsewhere. Returns `(c, c′)`.
+fn cap_line(problem: &SpeedProblem, station: f64) -> (f64, f64) {
+    let (nodes, caps) = (&problem.stations, &problem.caps);
+    if caps.is_empty() {
+        return (0.0, 0.0);
+    }
+    let cell = nodes.partition_point(|&n| n <= station).clamp(1, caps.len()) - 1;
+    let slope = if cell == 0 { 0.0 } else { (caps[cell] - caps[cell - 1]) / (nodes[cell + 1] - nodes[cell]) };
+    let slope = slope.clamp(STEEPEST_CAP, 0.0);
+    (caps[cell] - slope * nodes[cell + 1], slope)
 }
 
 /// Speeds below this at the end of the solution are rest (m/s): the program's own tolerance is 1e-8.
