@@ -31,21 +31,18 @@ impl SpeedLimits {
     }
 }
 
-/// Highest speed in each cell for a comfortable stop at the last node: v² = 2 d (s_n − s).
-///
-/// The bound is the one at the cell's **far** node, where it is tightest, so that the node speeds of a search lie on the
-/// braking curve itself.
+/// Highest speed at each node for a comfortable stop at the last one: v² = 2 d (s_n − s).
 #[must_use]
 pub fn braking_caps(stations: &[f64], deceleration: f64) -> Vec<f64> {
     let end = stations.last().copied().unwrap_or(0.0);
-    stations.iter().skip(1).map(|s| (2.0 * deceleration * (end - s)).max(0.0).sqrt()).collect()
+    stations.iter().map(|s| (2.0 * deceleration * (end - s)).max(0.0).sqrt()).collect()
 }
 
-/// Lowers caps so that the next cell's cap can always be reached with `deceleration`: the comfortable approach to every
+/// Lowers the nodes' caps so that each next one can be reached with `deceleration`: the comfortable approach to every
 /// slower part.
 pub fn make_reachable(stations: &[f64], caps: &mut [f64], deceleration: f64) {
     for i in (0..caps.len().saturating_sub(1)).rev() {
-        let ds = stations[i + 2] - stations[i + 1];
+        let ds = stations[i + 1] - stations[i];
         let reachable = (caps[i + 1] * caps[i + 1] + 2.0 * deceleration * ds).sqrt();
         caps[i] = caps[i].min(reachable);
     }
@@ -78,7 +75,7 @@ mod tests {
     #[test]
     fn caps_can_be_followed_with_the_deceleration_they_were_made_for() {
         let stations: Vec<f64> = (0..=40).map(|i| 0.5 * f64::from(i)).collect();
-        let mut caps = vec![12.0; 40];
+        let mut caps = vec![12.0; 41];
         caps[30] = 3.0;
         make_reachable(&stations, &mut caps, 1.5);
         for w in caps.windows(2) {

@@ -31,7 +31,7 @@ pub type TimeInterval = (f64, f64);
 pub struct SpeedProblem {
     /// Nodes, m along the path, increasing. Cell `i` lies between nodes `i` and `i + 1`.
     pub stations: Vec<f64>,
-    /// Highest speed allowed anywhere in each cell, m/s.
+    /// Highest speed allowed at each node, m/s; inside a cell the higher one of its two nodes.
     pub caps: Vec<f64>,
     /// For each cell the time intervals in which it is blocked, sorted and disjoint.
     pub blocked: Vec<Vec<TimeInterval>>,
@@ -140,7 +140,7 @@ pub(crate) mod test_support {
         let cells = (length / 0.5).round() as usize;
         SpeedProblem {
             stations: (0..=cells).map(|i| 0.5 * i as f64).collect(),
-            caps: vec![15.0; cells],
+            caps: vec![15.0; cells + 1],
             blocked: vec![Vec::new(); cells],
             blocked_at_start: Vec::new(),
             rest_allowed: vec![true; cells + 1],

@@ -129,10 +129,13 @@ fn cap_holds(
     cell: usize,
     (from, to): (f64, f64),
 ) -> Result<(), Refutation> {
+    let braked = braked_from(problem, problem.start_speed, cell);
     let inner = profile.knots().iter().map(|k| k.time).filter(|t| (from..=to).contains(t));
     let fastest = inner.chain([from, to]).map(|t| profile.at(t).speed).fold(0.0, f64::max);
+    let inside = fastest - problem.caps[cell].max(problem.caps[cell + 1]).max(braked);
+    let arriving = profile.at(to).speed - problem.caps[cell + 1].max(braked);
     // braking from above the cap is a start state's right, as long as it gets no faster
-    let excess = fastest - problem.caps[cell].max(braked_from(problem, problem.start_speed, cell));
+    let excess = inside.max(arriving);
     if excess > SPEED_SLACK { Err(Refutation::TooFast { cell, excess }) } else { Ok(()) }
 }
 
@@ -217,7 +220,7 @@ mod tests {
         assert_eq!(prove(&blocked, &cruise_and_brake(2.0)), Ok(()));
 
         let mut capped = clean.clone();
-        capped.caps[60] = 4.0;
+        capped.caps[61] = 4.0;
         assert!(matches!(prove(&capped, &cruise_and_brake(2.0)), Err(Refutation::TooFast { cell: 60, .. })));
 
         let mut junction = clean.clone();

@@ -56,7 +56,7 @@ pub enum SpeedOutcome {
 
 /// Searches for the fastest-going plan whose stop is proven.
 ///
-/// The problem's vectors must fit together: `caps` and `blocked` one shorter than `stations`, `rest_allowed` as long.
+/// The problem's vectors must fit together: `blocked` one shorter than `stations`, `caps` and `rest_allowed` as long.
 #[must_use]
 pub fn plan(problem: &SpeedProblem, resolution: &Resolution) -> SpeedOutcome {
     Search::new(problem, *resolution).run()
@@ -241,7 +241,7 @@ impl<'a> Search<'a> {
             return;
         }
         let ds = p.stations[from.node + 1] - p.stations[from.node];
-        let (v2, cap) = (from.speed * from.speed, p.caps[from.node]);
+        let (v2, cap) = (from.speed * from.speed, p.caps[from.node + 1]);
         let limits = &p.limits;
         let strongest = if phase == Phase::Naive { limits.deceleration } else { limits.aggressive_deceleration };
         // A start above the cap may stay above it while it brakes as hard as this phase allows.
@@ -263,7 +263,7 @@ impl<'a> Search<'a> {
             }
             // v² < 2dΔs stops inside the cell: the deceleration is clipped so that rest falls on the next node
             let slower = (v2 - 2.0 * deceleration * ds).max(0.0).sqrt();
-            if slower < held && admissible(slower) {
+            if (slower < held || held <= REST) && admissible(slower) {
                 push(self, slower);
             }
         }
@@ -436,7 +436,7 @@ mod tests {
         let ds = problem.stations[s.node + 1] - problem.stations[s.node];
         let l = &problem.limits;
         [l.acceleration, 0.0, -l.deceleration, -l.aggressive_deceleration].iter().any(|a| {
-            let v = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(problem.caps[s.node]);
+            let v = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(problem.caps[s.node + 1]);
             if s.speed + v <= REST {
                 return false;
             }

@@ -198,13 +198,15 @@ const STEEPEST_CAP: f64 = -3.0;
 /// concave, so its tangent is close above it), the cap itself elsewhere. Returns `(c, c′)`.
 fn cap_line(problem: &SpeedProblem, station: f64) -> (f64, f64) {
     let (nodes, caps) = (&problem.stations, &problem.caps);
-    if caps.is_empty() {
+    let cells = problem.cells();
+    if cells == 0 {
         return (0.0, 0.0);
     }
-    let cell = nodes.partition_point(|&n| n <= station).clamp(1, caps.len()) - 1;
-    let slope = if cell == 0 { 0.0 } else { (caps[cell] - caps[cell - 1]) / (nodes[cell + 1] - nodes[cell]) };
+    let cell = nodes.partition_point(|&n| n <= station).clamp(1, cells) - 1;
+    let slope = (caps[cell + 1] - caps[cell]) / (nodes[cell + 1] - nodes[cell]);
     let slope = slope.clamp(STEEPEST_CAP, 0.0);
-    (caps[cell] - slope * nodes[cell + 1], slope)
+    let highest = caps[cell].max(caps[cell + 1] - slope * (nodes[cell + 1] - nodes[cell]));
+    (highest - slope * nodes[cell], slope)
 }
 
 /// Speeds below this at the end of the solution are rest (m/s): the program's own tolerance is 1e-8.
