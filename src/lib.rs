@@ -3,6 +3,7 @@
 
 pub mod drive;
 pub mod geometry;
+pub mod io;
 pub mod map;
 pub mod planner;
 pub mod simulation;
