@@ -5,6 +5,9 @@ pub mod drive;
 pub mod geometry;
 pub mod map;
 pub mod planner;
+pub mod plot;
+#[cfg(feature = "rerun")]
+pub mod recording;
 pub mod simulation;
 pub mod trajectory;
 pub mod vehicle;
