@@ -7,6 +7,9 @@ pub mod geometry;
 pub mod io;
 pub mod map;
 pub mod planner;
+pub mod plot;
+#[cfg(feature = "rerun")]
+pub mod recording;
 pub mod simulation;
 pub mod speed;
 pub mod trajectory;
