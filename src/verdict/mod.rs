@@ -246,8 +246,11 @@ mod tests {
         }
     }
 
-    /// Each breaks one thing in a clean run, and names the check that has to see it.
-    fn broken_one_at_a_time() -> Vec<(&'static str, &'static str, fn(&mut Story))> {
+    /// The check that has to see it, what is broken, and how.
+    type Breakage = (&'static str, &'static str, fn(&mut Story));
+
+    /// Each breaks one thing in a clean run.
+    fn broken_one_at_a_time() -> Vec<Breakage> {
         vec![
             ("no_contact", "a contact that only the rig saw", |s| {
                 let at_rear_axle_frame = Point::new(3.6, 0.0);
@@ -365,7 +368,7 @@ mod tests {
         let here = Place::here();
         let far = Place { origin: Pose::new(6.9e5, 5.3e6, 2.2), mirrored: false };
         let mirrored = Place { origin: Pose::new(0.0, 0.0, 0.0), mirrored: true };
-        let clean: (&str, &str, fn(&mut Story)) = ("", "nothing", |_| ());
+        let clean: Breakage = ("", "nothing", |_| ());
         for (_, what, break_it) in broken_one_at_a_time().into_iter().chain([clean]) {
             if what.contains("not finite") || what.contains("another heading") {
                 continue; // NaN equals nothing; that heading is absolute
