@@ -1,11 +1,13 @@
 //! **stopline**: a local planner for road vehicles that never commits to a trajectory it cannot stop from, and a physics
 //! rig that checks that it was right.
 
+pub mod convex;
 pub mod drive;
 pub mod geometry;
 pub mod map;
 pub mod planner;
 pub mod simulation;
+pub mod speed;
 pub mod trajectory;
 pub mod vehicle;
 pub mod verdict;

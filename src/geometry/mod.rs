@@ -75,6 +75,9 @@ impl Pose {
 #[must_use]
 pub fn wrap_angle(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
+    if -PI < angle && angle <= PI {
+        return angle; // to the bit, so that mirrored inputs stay mirrored
+    }
     let wrapped = angle.rem_euclid(TAU);
     if wrapped > PI { wrapped - TAU } else { wrapped }
 }
