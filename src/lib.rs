@@ -1,7 +1,11 @@
 //! **stopline**: a local planner for road vehicles that never commits to a trajectory it cannot stop from, and a physics
 //! rig that checks that it was right.
 
+<<<<<<< HEAD
 pub mod convex;
+=======
+pub mod collision;
+>>>>>>> col
 pub mod drive;
 pub mod geometry;
 pub mod io;
