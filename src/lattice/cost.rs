@@ -24,6 +24,24 @@ pub struct Weights {
     pub delay: f64,
 }
 
+impl Weights {
+    /// Every weight with its name in the settings.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f64); 9] {
+        [
+            ("planner.lattice.weights.offset", self.offset),
+            ("planner.lattice.weights.bending", self.bending),
+            ("planner.lattice.weights.clearance", self.clearance),
+            ("planner.lattice.weights.clearance_wanted", self.clearance_wanted),
+            ("planner.lattice.weights.lane", self.lane),
+            ("planner.lattice.weights.missing", self.missing),
+            ("planner.lattice.weights.switching", self.switching),
+            ("planner.lattice.weights.lane_change", self.lane_change),
+            ("planner.lattice.weights.delay", self.delay),
+        ]
+    }
+}
+
 impl Default for Weights {
     fn default() -> Self {
         Self {

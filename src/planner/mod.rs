@@ -41,7 +41,7 @@ pub struct Planner<'a> {
     settings: &'a Settings,
     /// With margins, without margins.
     worlds: [CollisionWorld; 2],
-    lanes: Vec<Lane>,
+    lanes: Result<Vec<Lane>, NoLane>,
     committed: Option<Committed>,
     cruise: f64,
     horizon: f64,
