@@ -6,6 +6,7 @@
 pub mod polyline;
 pub mod quadrature;
 pub mod spiral;
+pub mod spiral_opt;
 
 /// A position in the plane, metres.
 pub type Point = nalgebra::Point2<f64>;

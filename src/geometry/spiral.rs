@@ -228,12 +228,6 @@ impl CubicSpiral {
         low.abs().max(high.abs())
     }
 
-    /// Arc lengths, ends included, at which |curvature| has a local maximum or minimum.
-    pub(super) fn curvature_extrema(&self) -> impl Iterator<Item = f64> + use<> {
-        let length = self.length;
-        [0.0, 1.0].into_iter().chain(self.curvature_polynomial().extrema()).map(move |u| u * length)
-    }
-
     /// Largest |derivative of curvature| on the whole spiral, 1/m²: closed form.
     #[must_use]
     pub fn max_abs_curvature_rate(&self) -> f64 {
