@@ -15,7 +15,7 @@
 //! second-order cone ‖(2b, a − c)‖ ≤ a + c. No samples, no cuts. Newton's root is the start.
 //!
 //! Weak: a local method. It tells [`SpiralFailure::CurvatureBound`] when a linearised program has no solution, which
-//! for ends far outside of what the bound allows may come before the true limit.
+//! happens for ends that would have to slide by more than about five metres although a spiral exists.
 
 use super::quadrature::GAUSS_8;
 use super::spiral::{CubicSpiral, KNOT_MASS, SpiralFailure, connect};
@@ -303,16 +303,22 @@ mod tests {
     #[test]
     fn bound_holds_everywhere_and_the_slide_is_the_least_possible() {
         let bound = 0.12;
-        let (mut bitten, mut solved, mut compared) = (0, 0, 0);
-        let start_time = std::time::Instant::now();
+        let mut bitten = 0;
         for (start, end, curvature) in lattice_problems(400) {
             let free = connect(start, &end, curvature).unwrap();
             if free.max_abs_curvature() <= bound {
                 continue;
             }
+            let least = [1.0, -1.0].map(|side| least_slide(start, &end, curvature, bound, side));
+            let Some(least) = least.into_iter().flatten().min_by(|a, b| a.abs().total_cmp(&b.abs())) else { continue };
+            let bounded = match connect_bounded(start, &end, curvature, bound) {
+                Ok(bounded) => bounded,
+                Err(failure) => {
+                    assert!(least.abs() > 5.0, "{failure} where a slide of {least} is enough: {start} {end:?}");
+                    continue;
+                }
+            };
             bitten += 1;
-            let Ok(bounded) = connect_bounded(start, &end, curvature, bound) else { continue };
-            solved += 1;
             assert_eq!(bounded.method, Method::Convex);
             let spiral = bounded.spiral;
             for i in 0..=1000 {
@@ -321,14 +327,10 @@ mod tests {
             let reached = spiral.end(&ORIGIN);
             assert!((reached.yaw - end.yaw).abs() < 1e-7);
             assert!((reached.position - end.position - end.left() * bounded.end_error).norm() < 1e-7);
-            if let Some(slide) = least_slide(start, &end, curvature, bound, bounded.end_error.signum()) {
-                compared += 1;
-                let excess = (bounded.end_error - slide).abs();
-                assert!(excess < 0.02, "slid {} where {slide} is enough, for {start} {end:?}", bounded.end_error);
-            }
+            let excess = (bounded.end_error - least).abs();
+            assert!(excess < 0.02, "slid {} where {least} is enough, for {start} {end:?}", bounded.end_error);
         }
-        println!("{bitten} bitten, {solved} solved, {compared} compared, {:?}", start_time.elapsed());
-        assert!(bitten > 20 && solved * 10 >= bitten * 9 && compared * 10 >= solved * 9);
+        assert!(bitten > 40, "the test is about nothing: {bitten}");
     }
 
     #[test]
