@@ -8,6 +8,7 @@ pub mod io;
 pub mod map;
 pub mod planner;
 pub mod simulation;
+pub mod speed;
 pub mod trajectory;
 pub mod vehicle;
 pub mod verdict;
