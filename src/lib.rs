@@ -7,6 +7,8 @@ pub mod geometry;
 pub mod io;
 pub mod map;
 pub mod planner;
+pub mod reference;
+pub mod route;
 pub mod simulation;
 pub mod speed;
 pub mod trajectory;
