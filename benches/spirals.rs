@@ -4,6 +4,7 @@
 use divan::{Bencher, black_box};
 use stopline::geometry::Pose;
 use stopline::geometry::spiral::{CubicSpiral, connect};
+use stopline::geometry::spiral_opt::connect_bounded;
 
 const PROBLEMS: usize = 2000;
 
@@ -40,6 +41,21 @@ fn newton_2000(bencher: Bencher) {
     bencher.bench_local(|| {
         for (start, end, curvature) in &problems {
             let _ = black_box(connect(black_box(*start), end, *curvature));
+        }
+    });
+}
+
+/// The convex program, on the problems in which a bound of 0.12 1/m bites: divide by their number, 321.
+#[divan::bench]
+fn bounded_where_the_bound_bites(bencher: Bencher) {
+    const BOUND: f64 = 0.12;
+    let mut bitten = problems();
+    bitten.retain(|(start, end, curvature)| {
+        connect(*start, end, *curvature).is_ok_and(|spiral| spiral.max_abs_curvature() > BOUND)
+    });
+    bencher.bench_local(|| {
+        for (start, end, curvature) in &bitten {
+            let _ = black_box(connect_bounded(*start, end, *curvature, BOUND));
         }
     });
 }

@@ -1,10 +1,9 @@
 //! Lanes to consider: the corridors of the route, each with its reference line, goal and kept lattice edges.
 
 use super::goal::GoalOnLane;
-use super::settings::Settings;
 use crate::geometry::{Point, Pose};
 use crate::lattice::EdgeStore;
-use crate::map::{PlanningProblem, Scenario};
+use crate::map::{LaneletId, PlanningProblem, Scenario};
 use crate::reference::ReferenceLine;
 use crate::route::{self, LaneOption, RouteOutcome, RouteSettings, Side};
 use crate::vehicle::Vehicle;
@@ -12,6 +11,8 @@ use crate::vehicle::Vehicle;
 /// A lane that the planner may follow.
 pub(super) struct Lane {
     pub(super) reference: ReferenceLine,
+    /// The lanelet that the line ends on.
+    last_lanelet: LaneletId,
     /// The reference line sampled, for records.
     pub(super) samples: Vec<Point>,
     /// Whether the vehicle is on it when the route is planned.
@@ -61,7 +62,6 @@ impl Lane {
         problem: &PlanningProblem,
         centre: &Pose,
         vehicle: &Vehicle,
-        _settings: &Settings,
     ) -> Result<Vec<Self>, NoLane> {
         let route_settings = RouteSettings { look_ahead: LOOK_AHEAD, ..RouteSettings::default() };
         let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings) {
@@ -79,6 +79,11 @@ impl Lane {
         if lanes.is_empty() { Err(NoLane::NoReference) } else { Ok(lanes) }
     }
 
+    /// Whether the network has road behind the end of this lane's reference line.
+    pub(super) fn goes_on(&self, scenario: &Scenario) -> bool {
+        scenario.network.lanelets.get(&self.last_lanelet).is_some_and(|l| !l.successors.is_empty())
+    }
+
     fn new(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
         let settings = crate::reference::Settings::default();
         let reference = ReferenceLine::new(&scenario.network, &option.lanelets, vehicle.width, &settings).ok()?;
@@ -92,6 +97,7 @@ impl Lane {
             no_rest: kept_free(scenario, &reference),
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
             stores: Default::default(),
+            last_lanelet: *option.lanelets.last()?,
             is_current,
             goal,
             reference,

@@ -116,7 +116,7 @@ impl<'a> Planner<'a> {
             CollisionWorld::new(scenario, vehicle, &settings.collision, horizon)?,
             CollisionWorld::new(scenario, vehicle, &bare, horizon)?,
         ];
-        let lanes = Lane::all(scenario, problem, vehicle, settings);
+        let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
         Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon })
     }
@@ -124,7 +124,7 @@ impl<'a> Planner<'a> {
     /// Why there is no lane to drive on, if there is none.
     #[must_use]
     pub fn no_lane(&self) -> Option<NoLane> {
-        self.lanes.is_empty().then(|| Lane::why_none(self.scenario, self.problem))
+        self.lanes.as_ref().err().copied()
     }
 
     /// Time after which nothing moves any more, s of the run.
@@ -137,6 +137,7 @@ impl<'a> Planner<'a> {
     pub fn cycle(&mut self, state: &State) -> Cycle {
         let begun = Instant::now();
         let start = self.start(state);
+        self.follow_route(&start);
         let mut record = CycleRecord::default();
         let choice = self.rungs().into_iter().find_map(|rung| self.choose(&start, rung, &mut record));
         let (decision, blocked) = match choice.filter(|c| !self.is_settled(&start, c)) {
@@ -146,7 +147,7 @@ impl<'a> Planner<'a> {
                 let smoothing_begun = Instant::now();
                 let profile = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
-                record.reference = self.lanes[choice.lane].samples.clone();
+                record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 self.committed = Some(Committed { trajectory, deceleration: choice.deceleration });
                 (decision, choice.proven.blocked)
@@ -169,6 +170,25 @@ impl<'a> Planner<'a> {
             chosen: record.chosen,
             expansions: record.expansions,
             stage_seconds: record.seconds,
+        }
+    }
+
+    /// Plans the route anew where the lanes in hand end too soon, or where the vehicle has changed to another one.
+    fn follow_route(&mut self, start: &Start) {
+        let Ok(lanes) = &self.lanes else { return };
+        let centre = self.vehicle.centre_of_rear_axle(&start.point.pose);
+        let on = |lane: &Lane| {
+            let (station, offset) = lane.reference.project(start.point.pose.position);
+            (lane.reference.length() - station, offset.abs())
+        };
+        let Some(current) = lanes.iter().find(|l| l.is_current) else { return };
+        let (ahead, offset) = on(current);
+        let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
+        let ends_soon = ahead < self.settings.longest_horizon && current.goes_on(self.scenario);
+        if changed || ends_soon {
+            if let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle) {
+                self.lanes = Ok(lanes);
+            }
         }
     }
 
@@ -221,7 +241,7 @@ impl<'a> Planner<'a> {
     /// The cheapest pair of path and speed whose stop is proven on this rung.
     fn choose(&mut self, start: &Start, rung: Rung, record: &mut CycleRecord) -> Option<Choice> {
         let mut best: Option<Choice> = None;
-        for lane in 0..self.lanes.len() {
+        for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
             let found = self.lattice_paths(start, lane, rung);
             record.seconds.lattice += begun.elapsed().as_secs_f64();
@@ -243,7 +263,7 @@ impl<'a> Planner<'a> {
         let roots = self.roots(start, world);
         let weights = self.settings.lattice.weights;
         let committed = self.committed.as_ref().filter(|_| start.on_plan);
-        let lane = &mut self.lanes[lane];
+        let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
         let ground = Ground {
             reference: &lane.reference,
             world,
@@ -287,7 +307,8 @@ impl<'a> Planner<'a> {
         best: &mut Option<Choice>,
         record: &mut CycleRecord,
     ) {
-        let situation = self.situation(start, lane, rung);
+        let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
+        let situation = self.situation(start, on, rung);
         let free = situation.free_progress();
         for path in found {
             let mut note = Candidate {
@@ -328,8 +349,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    fn situation(&self, start: &Start, lane: usize, rung: Rung) -> Situation<'_> {
-        let lane = &self.lanes[lane];
+    fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, rung: Rung) -> Situation<'s> {
         Situation {
             vehicle: self.vehicle,
             settings: self.settings,
@@ -406,6 +426,8 @@ const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { later
 const PREDICTION_BEYOND_END: f64 = 15.0;
 /// Share of the vehicle's curvature that paths may use; the rest is the tracking controller's.
 const CURVATURE_SHARE: f64 = 0.95;
+/// Lateral distance from a reference line within which the vehicle is on that lane, m.
+const ON_LANE: f64 = 0.8;
 /// Distance to rest within which a stop counts as the final approach, m.
 const FINAL_APPROACH: f64 = 4.0;
 /// Less progress than this is not worth leaving the final approach for, m.
