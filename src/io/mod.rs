@@ -4,3 +4,6 @@
 //! the error names the file, the line and the element. Writers never leave half a file behind: [`files`].
 
 pub mod commonroad;
+pub mod csv;
+pub mod files;
+pub mod solution;

@@ -167,7 +167,7 @@ fn trajectory_of(
         source.note(node, format!("{contradicting} states are elsewhere than another one of the same time; left out"));
     }
     fill_headings(source, node, &mut states, shape);
-    Ok(timed_poses(&states, time_step))
+    Ok(timed_poses(source, node, &states, time_step))
 }
 
 /// Gives states without an orientation that of their motion, or that of the state before while standing.
@@ -186,21 +186,31 @@ fn fill_headings(source: &mut Source, node: Node, states: &mut [State], shape: &
     }
 }
 
-/// States with times in seconds; a speed that is missing is that of the motion to the next state (or from the last).
-fn timed_poses(states: &[State], time_step: f64) -> Vec<TimedPose> {
+/// States with times in seconds. A speed that is missing is that of the motion to the next state (or from the last);
+/// so are all, when most of the file's speeds contradict the positions, which are what can be hit.
+fn timed_poses(source: &mut Source, node: Node, states: &[State], time_step: f64) -> Vec<TimedPose> {
+    /// Speeds that differ less are noise of recordings, m/s.
+    const CONTRADICTION: f64 = 2.0;
     let speed_between =
         |a: &State, b: &State| (b.position - a.position).dot(&pose(a).forward()) / ((b.step - a.step) * time_step);
-    let speed_at = |i: usize| match (states.get(i + 1), i.checked_sub(1)) {
+    let moved_at = |i: usize| match (states.get(i + 1), i.checked_sub(1)) {
         (Some(next), _) => speed_between(&states[i], next),
         (None, Some(before)) => speed_between(&states[before], &states[i]),
-        (None, None) => 0.0,
+        (None, None) => states[i].speed.unwrap_or(0.0),
     };
-    let timed = |(i, s): (usize, &State)| TimedPose {
+    let moved: Vec<f64> = (0..states.len()).map(moved_at).collect();
+    let contradicts = |(s, moved): &(&State, &f64)| s.speed.is_some_and(|v| (v - **moved).abs() > CONTRADICTION);
+    let contradicting = states.iter().zip(&moved).filter(contradicts).count();
+    let lies = 2 * contradicting > states.len();
+    if lies {
+        source.note(node, format!("{contradicting} speeds contradict the positions; the speed of the motion is used"));
+    }
+    let timed = |(s, moved): (&State, &f64)| TimedPose {
         time: s.step * time_step,
         pose: pose(s),
-        speed: s.speed.unwrap_or_else(|| speed_at(i)),
+        speed: s.speed.filter(|_| !lies).unwrap_or(*moved),
     };
-    states.iter().enumerate().map(timed).collect()
+    states.iter().zip(&moved).map(timed).collect()
 }
 
 /// A region occupied at one time step.

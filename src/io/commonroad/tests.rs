@@ -486,6 +486,15 @@ fn states_out_of_order_are_sorted_and_missing_headings_follow_the_motion() {
 }
 
 #[test]
+fn speeds_that_contradict_the_positions_are_replaced() {
+    let s = noted(&SMALL.replace("<velocity><exact>10.0", "<velocity><exact>17.0"), &["3 speeds contradict"]);
+    let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
+    assert!(states.iter().all(|s| (s.speed - 10.0).abs() < 1e-6), "{states:?}");
+    let one = read(&with("<velocity><exact>10.0", "<velocity><exact>17.0")).unwrap();
+    assert_eq!(one.issues, [], "a single one is kept");
+}
+
+#[test]
 fn sets_of_single_steps_leave_no_gap_and_intervals_that_touch_are_kept() {
     let widened = super::obstacle::without_gaps(&[(0.0, 0.0), (1.0, 1.0), (1.0, 1.0), (4.0, 6.0), (6.0, 7.0)]);
     assert_eq!(widened, [(0.0, 1.0), (0.0, 4.0), (0.0, 4.0), (1.0, 6.0), (6.0, 7.0)]);
