@@ -4,6 +4,7 @@
 pub mod collision;
 pub mod drive;
 pub mod geometry;
+pub mod io;
 pub mod map;
 pub mod planner;
 pub mod simulation;
