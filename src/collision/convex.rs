@@ -63,6 +63,10 @@ impl Convex {
         &self.points
     }
 
+    pub(super) fn radius(&self) -> f64 {
+        self.radius
+    }
+
     pub(super) fn aabb(&self) -> &Aabb {
         &self.aabb
     }
@@ -167,8 +171,8 @@ fn beyond_an_edge(polygon: &[Local], points: &[Local], gap: f64) -> bool {
     for &to in polygon {
         let edge = to - from;
         let outward = Local::new(edge.y, -edge.x);
-        let nearest = points.iter().map(|p| outward.dot(*p - from)).fold(f64::INFINITY, f64::min);
-        if nearest > 0.0 && (gap == 0.0 || nearest > gap * outward.length()) {
+        let limit = if gap == 0.0 { 0.0 } else { gap * outward.length() };
+        if points.iter().all(|p| outward.dot(*p - from) > limit) {
             return true;
         }
         from = to;

@@ -121,8 +121,7 @@ impl Predictions {
                 let j = track.first + i;
                 let slice = &track.slices[i];
                 let Some(aabb) = slice.aabb.filter(|_| wanted.contains(&j)) else { continue };
-                let reach = with_margins(&aabb, &self.margins);
-                sweep.boxes().visit(&reach, &mut |cell| {
+                sweep.cells_near(&aabb, &slice.pieces, &self.margins, |cell| {
                     if bits.is_set(offset + cell, j - wanted.start) {
                         return;
                     }

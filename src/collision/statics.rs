@@ -112,10 +112,12 @@ impl StaticWorld {
 
     fn hit_in_block(&self, sweep: &Sweep, allowance: &Allowance, block: usize, aabb: &Aabb) -> Option<StaticHit> {
         let reach = with_margins(aabb, &self.obstacle_margins);
-        let mut obstacles: Vec<u32> = self.tree.intersect_aabb(&reach).collect();
+        let near = |i: &u32| sweep.block_may_meet(block, &self.pieces[*i as usize], &self.obstacle_margins);
+        let mut obstacles: Vec<u32> = self.tree.intersect_aabb(&reach).filter(near).collect();
         obstacles.sort_unstable();
         let reach = with_margins(aabb, &self.road_margins);
-        let edge: Vec<&Convex> = self.road.near(&reach).collect();
+        let near = |piece: &&Convex| sweep.block_may_meet(block, piece, &self.road_margins);
+        let edge: Vec<&Convex> = self.road.near(&reach).filter(near).collect();
         if obstacles.is_empty() && edge.is_empty() {
             return None;
         }

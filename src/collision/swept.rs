@@ -28,7 +28,7 @@ use parry2d::bounding_volume::Aabb;
 
 use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
-use super::convex::{SweptCorners, boxes_meet, grown, merged};
+use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::trajectory::Path;
@@ -145,6 +145,8 @@ pub struct Sweep {
     slack: Vec<f64>,
     /// Boxes around the cells, without margins.
     boxes: BoxTree,
+    /// Turned boxes around [`FAN`] cells each, without margins.
+    slats: Vec<Slat>,
     body: Body,
     origin: Origin,
 }
@@ -185,7 +187,8 @@ impl Sweep {
             merged(&body.aabb(&ends[0]), &body.aabb(&ends[1]))
         });
         let boxes = BoxTree::new(boxes.collect());
-        Self { stations, frames, slack, boxes, body: *body, origin: *origin }
+        let slats = slats_of(body, &frames, &slack);
+        Self { stations, frames, slack, boxes, slats, body: *body, origin: *origin }
     }
 
     /// Number of cells, at least one.
@@ -232,6 +235,22 @@ impl Sweep {
 
     pub(super) fn boxes(&self) -> &BoxTree {
         &self.boxes
+    }
+
+    /// Whether the turned box around a block of cells, with margins, meets the piece at all.
+    pub(super) fn block_may_meet(&self, block: usize, piece: &Convex, margins: &Margins) -> bool {
+        self.slats[block].may_meet(piece, margins.reach())
+    }
+
+    /// Calls `found` with every cell whose box and whose block may meet one of the pieces in the box `aabb`, in order.
+    pub(super) fn cells_near(&self, aabb: &Aabb, pieces: &[Convex], margins: &Margins, mut found: impl FnMut(usize)) {
+        let reach = with_margins(aabb, margins);
+        self.boxes.visit_blocks(&reach, &mut |block| {
+            if pieces.iter().any(|piece| self.block_may_meet(block, piece, margins)) {
+                let cells = FAN * block..(FAN * (block + 1)).min(self.cells());
+                cells.filter(|cell| boxes_meet(self.boxes.cell(*cell), &reach)).for_each(&mut found);
+            }
+        });
     }
 }
 
@@ -310,8 +329,8 @@ impl BoxTree {
         &self.levels[self.levels.len() - 1][0]
     }
 
-    /// Calls `found` with every cell whose box meets `query`, in order.
-    pub(super) fn visit(&self, query: &Aabb, found: &mut impl FnMut(usize)) {
+    /// Calls `found` with every block whose box meets `query`, in order.
+    fn visit_blocks(&self, query: &Aabb, found: &mut impl FnMut(usize)) {
         self.descend(self.levels.len() - 1, 0..1, query, found);
     }
 
@@ -320,7 +339,7 @@ impl BoxTree {
             if !boxes_meet(&self.levels[level][i], query) {
                 continue;
             }
-            if level == 0 {
+            if level == 1 {
                 found(i);
             } else {
                 let end = (FAN * (i + 1)).min(self.levels[level - 1].len());
@@ -328,6 +347,49 @@ impl BoxTree {
             }
         }
     }
+}
+
+/// A box turned along the path: on a road that runs askew, upright boxes reach far over its edges.
+#[derive(Debug, Clone, Copy)]
+struct Slat {
+    centre: Local,
+    forward: Local,
+    half: Local,
+}
+
+impl Slat {
+    /// The box along the middle frame's heading around a body at all the frames.
+    fn around(body: &Body, frames: &[Frame]) -> Self {
+        let forward = frames[frames.len() / 2].forward;
+        let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
+        for frame in frames {
+            let turned = |v: Local| Local::new(v.dot(forward), forward.perp_dot(v));
+            let aabb = body.aabb(&Frame { at: turned(frame.at), forward: turned(frame.forward) });
+            (low, high) = (low.min(aabb.mins), high.max(aabb.maxs));
+        }
+        Self { centre: forward.rotate(0.5 * (low + high)), forward, half: 0.5 * (high - low) }
+    }
+
+    /// False only if the piece stays further than `margin` from the box.
+    fn may_meet(&self, piece: &Convex, margin: f64) -> bool {
+        let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
+        for p in piece.points() {
+            let d = *p - self.centre;
+            let turned = Local::new(d.dot(self.forward), self.forward.perp_dot(d));
+            (low, high) = (low.min(turned), high.max(turned));
+        }
+        let reach = self.half + Local::splat(margin + piece.radius());
+        low.cmple(reach).all() && high.cmpge(-reach).all()
+    }
+}
+
+/// The turned boxes of all blocks.
+fn slats_of(body: &Body, frames: &[Frame], slack: &[f64]) -> Vec<Slat> {
+    let block = |(i, slack): (usize, &[f64])| {
+        let widest = slack.iter().fold(0.0, |a: f64, b| a.max(*b));
+        Slat::around(&body.grown(&Margins::NONE, widest), &frames[FAN * i..=FAN * i + slack.len()])
+    };
+    slack.chunks(FAN).enumerate().map(block).collect()
 }
 
 /// The query box that finds every cell box (without margins) whose footprint with `margins` may meet `aabb`.
