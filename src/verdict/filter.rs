@@ -2,7 +2,7 @@
 //!
 //! A second-order Butterworth filter run forwards and backwards: no phase lag, so the time of an extreme is the time
 //! at which it was felt. "Phaseless" Butterworth filters are what vehicle testing prescribes for measured
-//! accelerations (Euro NCAP's and UN R152's test procedures: 10 Hz, for peaks of emergency braking). Passengers'
+//! accelerations (Euro NCAP's test protocols: 10 Hz, for peaks of emergency braking). Passengers'
 //! comfort is about slower motion, and jerk needs more smoothing than acceleration: ISO 15622 averages jerk over 1 s,
 //! UN R79 lateral jerk over 0.5 s. A moving average over `T` passes 1/√2 at 0.443/`T`, so those are 0.44 and 0.89 Hz;
 //! the 2 Hz used here by default let more through and are the stricter judge.
@@ -35,7 +35,7 @@ pub fn zero_phase_low_pass(signal: &[f64], cutoff: f64, rate: f64) -> Vec<f64> {
     padded[pad..pad + signal.len()].to_vec()
 }
 
-/// Samples added at each end: 1.5 periods of the cutoff, in which the filter's transient dies down to 1e-5.
+/// Samples added at each end: 1.5 periods of the cutoff, in which the filter's transient dies down to a few 1e-4.
 fn padding(samples: usize, cutoff: f64, rate: f64) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // positive; saturates at huge rates
     let wanted = (1.5 * rate / cutoff).ceil() as usize;
