@@ -265,7 +265,10 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         decision: if kept { Decision::KeepLast } else { Decision::NewPlan { deceleration: 3.5 } },
         reference: (0..=30).map(|i| at(2.0 + 3.0 * f64::from(i), 0.0)).collect(),
         candidates: candidates.collect(),
-        blocked: vec![((62.0, 70.0), (2.0, 4.5)), ((70.0, 76.0), (3.0, 6.0))],
+        blocked: (0..10)
+            .map(|k| f64::from(k) * 0.5)
+            .map(|t| ((now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t), (time + t, time + t + 0.5)))
+            .collect(),
         chosen: (!kept).then_some(0),
         expansions: 120,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },

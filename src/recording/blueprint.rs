@@ -10,12 +10,13 @@ use rerun::external::re_sdk_types::blueprint::components::{
     ActiveTab, BackgroundKind, ColumnShare, ContainerKind, Corner2D, IncludedContent, LinkAxis, PanelState,
     QueryExpression, RootContainer, RowShare, TimelineName, VisualBounds2D,
 };
+use rerun::external::re_sdk_types::blueprint::datatypes::{TextLogColumn, TextLogColumnKind};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
 use super::series::StationTime;
-use super::{APPLICATION, Context, RecordingError, Rgb, TIMELINE};
+use super::style::GROUND;
+use super::{APPLICATION, Context, RecordingError, TIMELINE};
 
-const NIGHT: Rgb = (20, 23, 27);
 /// The view that follows the vehicle shows this much to its sides, m.
 const FOLLOWED: (f64, f64) = (45.0, 14.0);
 /// Actions longer than this open in the view that follows the vehicle, m.
@@ -94,11 +95,11 @@ impl Layout {
         let follow = self.top_view("Following", "follow", followed)?;
         let long = context.action.width().max(context.action.height()) > LONG;
         let top = self.tabs(&[overview, follow], if long { follow } else { overview })?;
-        let speed = self.plot("Speed, m/s", "speed")?;
-        let acceleration = self.plot("Acceleration, m/s²", "acceleration")?;
-        let jerk = self.plot("Jerk, m/s³", "jerk")?;
-        let lateral = self.plot("Lateral acceleration, m/s²", "lateral_acceleration")?;
-        let steering = self.plot("Steering, degrees", "steering")?;
+        let speed = self.plot("Speed, m/s", "speed", true)?;
+        let acceleration = self.plot("Acceleration, m/s²", "acceleration", false)?;
+        let jerk = self.plot("Jerk, m/s³", "jerk", false)?;
+        let lateral = self.plot("Lateral acceleration, m/s²", "lateral_acceleration", false)?;
+        let steering = self.plot("Steering, degrees", "steering", true)?;
         let reach = StationTime::of(&context.run.cycles);
         let station_time = self.flat_view("Station over time", "st", &["+ $origin/**"], reach.view())?;
         let upper = self.row(&[speed, acceleration, jerk], &[1.0, 1.0, 1.0])?;
@@ -108,7 +109,7 @@ impl Layout {
         let share = if aspect > 4.0 { 1.3 } else { 2.2 };
         let main = self.column(&[top, upper, lower], &[share, 1.0, 1.0])?;
         let verdict = self.view("TextDocument", "Verdict", "verdict", &["+ $origin"])?;
-        let decisions = self.view("TextLog", "Decisions", "decisions", &["+ $origin/**"])?;
+        let decisions = self.text_log("Decisions", "decisions")?;
         let side = self.column(&[verdict, decisions], &[1.3, 1.0])?;
         self.row(&[main, side], &[3.2, 1.0])
     }
@@ -137,16 +138,25 @@ impl Layout {
         let range = |ends: [f64; 2]| ends.into();
         let bounds = VisualBounds2D(Range2D { x_range: range(x), y_range: range(y) });
         self.log(&format!("{}/VisualBounds2D", view.path()), &bp::VisualBounds2D::new(bounds))?;
-        let night = bp::Background::new(BackgroundKind::SolidColor).with_color(NIGHT);
-        self.log(&format!("{}/Background", view.path()), &night)?;
+        let ground = bp::Background::new(BackgroundKind::SolidColor).with_color(GROUND);
+        self.log(&format!("{}/Background", view.path()), &ground)?;
         Ok(view)
     }
 
-    fn plot(&mut self, name: &str, entity: &str) -> Result<Placed, RecordingError> {
+    fn text_log(&mut self, name: &str, origin: &str) -> Result<Placed, RecordingError> {
+        let view = self.view("TextLog", name, origin, &["+ $origin/**"])?;
+        let column = |kind| TextLogColumn { visible: true.into(), kind };
+        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body].map(column);
+        let columns = bp::TextLogColumns::new().with_text_log_columns(columns);
+        self.log(&format!("{}/TextLogColumns", view.path()), &columns)?;
+        Ok(view)
+    }
+
+    fn plot(&mut self, name: &str, entity: &str, legend: bool) -> Result<Placed, RecordingError> {
         let view = self.view("TimeSeries", name, &format!("series/{entity}"), &["+ $origin/**"])?;
         let axis = bp::TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
         self.log(&format!("{}/TimeAxis", view.path()), &axis)?;
-        let legend = bp::PlotLegend::new().with_corner(Corner2D::RightTop).with_visible(false);
+        let legend = bp::PlotLegend::new().with_corner(Corner2D::RightTop).with_visible(legend);
         self.log(&format!("{}/PlotLegend", view.path()), &legend)?;
         Ok(view)
     }

@@ -4,10 +4,11 @@
 //!
 //! | entity | what |
 //! |---|---|
-//! | `map/…` | road surface, bounds, lane marks, stop lines, goal, static obstacles: logged once |
-//! | `map/obstacles/moving` | outlines of moving obstacles, a tick apart |
+//! | `map/…` | road surface, bounds, lane marks, stop lines, goal, the driven path: logged once |
+//! | `map/obstacles/ID` | the shape of an obstacle, its poses a tick apart; sets of a set-based prediction |
 //! | `map/plan/…` | per planning cycle: reference line, candidates, committed path, footprint at its proven stop |
-//! | `map/ego/…` | the driven path, the footprint, a tick apart |
+//! | `map/ego` | the vehicle's shape, its poses a tick apart |
+//! | `follow` | a frame that moves with the vehicle, for the view that follows it |
 //! | `series/…` | speed, acceleration, jerk, lateral acceleration, steering, with their limits |
 //! | `st/…` | station over time of the committed plan, with the cells blocked on it |
 //! | `decisions`, `verdict` | text |
@@ -20,10 +21,13 @@
 //! whole. Recordings of one run have the same recording id, not the same bytes: Rerun stamps rows with the clock.
 
 mod blueprint;
+mod plans;
+mod road;
 mod series;
 mod shapes;
+mod style;
 mod text;
-mod world;
+mod traffic;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -43,9 +47,6 @@ const APPLICATION: &str = "stopline";
 const TIMELINE: &str = "time";
 /// Time between two poses of the vehicle and the obstacles, s: smooth to the eye.
 const TICK: f64 = 0.04;
-
-/// A colour: red, green, blue.
-type Rgb = (u8, u8, u8);
 
 /// Why a recording could not be written. It never fails the run itself.
 #[derive(Debug, thiserror::Error)]
@@ -139,7 +140,12 @@ fn recorded(run: &Run) -> Result<Vec<u8>, RecordingError> {
     let origin = start(run, &action).map(f64::floor);
     let context = Context { stream, run, motion, action, origin };
     blueprint::send(&context, &id)?;
-    world::log(&context)?;
+    // 2D views have y down: everything under `map` is mirrored
+    let mirror = rerun::Transform3D::from_mat3x3([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]);
+    context.log_static("map", &mirror)?;
+    road::log(&context)?;
+    traffic::log(&context)?;
+    plans::log(&context)?;
     series::log(&context)?;
     text::log(&context)?;
     context.stream.flush_blocking().map_err(RecordingError::made)?;

@@ -1,9 +1,10 @@
 //! Values over time, as columns, and the station–time picture of each planning cycle.
 
-use rerun::{LineStrips2D, Points2D, Radius, Scalars, SeriesLines, TimeColumn};
+use rerun::{LineStrips2D, Points2D, Scalars, SeriesLines, TimeColumn};
 
 use super::shapes::{HATCH_RADIUS, hatch};
-use super::{Context, RecordingError, Rgb, TIMELINE};
+use super::style::{Rgb, metres, pixels};
+use super::{Context, RecordingError, TIMELINE};
 use crate::geometry::Point;
 use crate::planner::Cycle;
 use crate::plot::motion::{MotionSample, speed_limit_at};
@@ -98,7 +99,7 @@ pub(super) struct StationTime {
 }
 
 impl StationTime {
-    /// The reach that holds every committed plan, at least 4 s and 20 m.
+    /// The reach that holds every committed plan and something beyond it, at least 4 s and 20 m.
     pub(super) fn of(cycles: &[Cycle]) -> Self {
         let least = Self { seconds: 4.0, metres: 20.0 };
         cycles.iter().fold(least, |reach, cycle| {
@@ -106,8 +107,8 @@ impl StationTime {
             let ahead = plan.profile.last().station - plan.at(cycle.time).station;
             Self {
                 // `max` drops what is not a number; a run is far shorter than this
-                seconds: reach.seconds.max(plan.end_time() - cycle.time).min(120.0),
-                metres: reach.metres.max(ahead).min(2000.0),
+                seconds: reach.seconds.max(plan.end_time() - cycle.time + 0.5).min(120.0),
+                metres: reach.metres.max(1.15 * ahead + 5.0).min(2000.0),
             }
         })
     }
@@ -145,18 +146,16 @@ fn log_station_time(context: &Context) -> Result<(), RecordingError> {
             .map(|i| reach.seconds * i as f64 / steps)
             .map(|t| StationTime::place(t, plan.at(cycle.time + t).station - now))
             .collect();
-        let line = LineStrips2D::new([flat(&curve)]).with_colors([PLAN]).with_radii([Radius::new_ui_points(1.5)]);
+        let line = LineStrips2D::new([flat(&curve)]).with_colors([PLAN]).with_radii([pixels(1.5)]);
         context.log("st/plan", &line.with_draw_order(10.0))?;
         let cells: Vec<[Point; 4]> =
             cycle.blocked.iter().filter_map(|cell| corners(&reach, cycle, now, cell)).collect();
         let ring = |c: &[Point; 4]| flat(&[c[0], c[1], c[2], c[3], c[0]]);
         let edges = LineStrips2D::new(cells.iter().map(ring)).with_colors([BLOCKED_EDGE]);
-        context.log("st/blocked", &edges.with_radii([Radius::new_ui_points(0.8)]).with_draw_order(6.0))?;
+        context.log("st/blocked", &edges.with_radii([pixels(0.8)]).with_draw_order(6.0))?;
         let filled = cells.iter().take(FILLED_CELLS).map(|c| flat(&hatch(c))).filter(|line| line.len() > 1);
-        #[allow(clippy::cast_possible_truncation)] // centimetres
-        let radius = Radius::new_scene_units(HATCH_RADIUS as f32);
-        let fill = LineStrips2D::new(filled).with_colors([BLOCKED]).with_radii([radius]).with_draw_order(5.0);
-        context.log("st/blocked/fill", &fill)?;
+        let fill = LineStrips2D::new(filled).with_colors([BLOCKED]).with_radii([metres(HATCH_RADIUS)]);
+        context.log("st/blocked/fill", &fill.with_draw_order(5.0))?;
     }
     Ok(())
 }
@@ -186,10 +185,10 @@ fn log_axes(context: &Context, reach: &StationTime) -> Result<(), RecordingError
         steps(reach.seconds, second).map(|t| [StationTime::place(t, 0.0), StationTime::place(t, reach.metres)]);
     let along = steps(reach.metres, metre).map(|s| [StationTime::place(0.0, s), StationTime::place(reach.seconds, s)]);
     let grid = LineStrips2D::new(across.chain(along).map(|line| flat(&line))).with_colors([GRID]);
-    context.log_static("st/grid", &grid.with_radii([Radius::new_ui_points(0.5)]).with_draw_order(0.0))?;
+    context.log_static("st/grid", &grid.with_radii([pixels(0.5)]).with_draw_order(0.0))?;
     let times = steps(reach.seconds, second).skip(1).map(|t| (StationTime::place(t, 0.0), format!("{t:.0} s")));
     let stations = steps(reach.metres, metre).skip(1).map(|s| (StationTime::place(0.0, s), format!("{s:.0} m")));
     let (places, labels): (Vec<Point>, Vec<String>) = times.chain(stations).unzip();
     let ticks = Points2D::new(flat(&places)).with_labels(labels).with_show_labels(true).with_colors([AXIS]);
-    context.log_static("st/ticks", &ticks.with_radii([Radius::new_ui_points(1.0)]).with_draw_order(1.0))
+    context.log_static("st/ticks", &ticks.with_radii([pixels(1.0)]).with_draw_order(1.0))
 }

@@ -1,5 +1,6 @@
 //! What Rerun's 2D views lack: filled shapes and dashed lines, made of line strips and an image.
 
+use super::style::{self, Rgb};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
 use crate::geometry::{Pose, cross};
@@ -68,18 +69,17 @@ pub(super) fn dashes(line: &Polyline, dash: f64, gap: f64) -> Vec<Vec<Point>> {
     pieces
 }
 
-/// A pointer along the vehicle, so that its front can be told: an arrow head over the bonnet.
-pub(super) fn arrow_head(vehicle: &Vehicle, rear_axle: &Pose) -> [Point; 3] {
+/// An arrow head over the bonnet, so that the front can be told, in the rear-axle frame.
+pub(super) fn arrow_head(vehicle: &Vehicle) -> [Point; 3] {
     let front = vehicle.front_overhang_from_rear_axle();
     let (back, half) = (front - 0.28 * vehicle.length, 0.32 * vehicle.width);
-    [(back, half), (front - 0.08 * vehicle.length, 0.0), (back, -half)]
-        .map(|(x, y)| rear_axle.to_world(Point::new(x, y)))
+    [Point::new(back, half), Point::new(front - 0.08 * vehicle.length, 0.0), Point::new(back, -half)]
 }
 
 /// The road surface as an image.
 pub(super) struct Surface {
-    /// Pixels, red, green, blue, alpha; the first row is the lowest in y.
-    pub(super) rgba: Vec<u8>,
+    /// Pixels, red, green, blue; the first row is the lowest in y.
+    pub(super) rgb: Vec<u8>,
     /// Width and height, px.
     pub(super) size: [u32; 2],
     /// Lower left corner of the image in the world.
@@ -94,18 +94,19 @@ const FINEST_PIXEL: f64 = 0.1;
 
 impl Surface {
     /// Paints the lanelets that reach into `bounds`.
-    pub(super) fn paint(network: &RoadNetwork, bounds: &Bounds, road: [u8; 4], way: [u8; 4]) -> Self {
+    pub(super) fn paint(network: &RoadNetwork, bounds: &Bounds) -> Self {
         let pixel = (bounds.width() * bounds.height() / MOST_PIXELS).sqrt().max(FINEST_PIXEL);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // bounded by the pixel size
         let size = [bounds.width(), bounds.height()].map(|length| (length / pixel).ceil().clamp(1.0, 1e5) as u32);
-        let rgba = vec![0; 4 * size[0] as usize * size[1] as usize];
-        let mut surface = Self { rgba, size, corner: bounds.min, pixel };
+        let (r, g, b) = style::GROUND;
+        let rgb = [r, g, b].repeat(size[0] as usize * size[1] as usize);
+        let mut surface = Self { rgb, size, corner: bounds.min, pixel };
         // roads last: where a crosswalk meets a lane, the lane is seen
         for drivable in [false, true] {
             for lanelet in network.lanelets.values().filter(|l| l.is_drivable() == drivable) {
                 let outline = lanelet.outline();
                 if bounds.shows(&outline) {
-                    surface.fill(&outline, if drivable { road } else { way });
+                    surface.fill(&outline, if drivable { style::ROAD } else { style::WAY });
                 }
             }
         }
@@ -113,7 +114,7 @@ impl Surface {
     }
 
     /// Fills a polygon (even–odd rule, a pixel counts by its middle).
-    fn fill(&mut self, polygon: &[Point], colour: [u8; 4]) {
+    fn fill(&mut self, polygon: &[Point], (r, g, b): Rgb) {
         let local: Vec<Point> = polygon.iter().map(|p| Point::from((p - self.corner) / self.pixel)).collect();
         let Some(bounds) = Bounds::around(&local) else { return };
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to the image
@@ -122,8 +123,8 @@ impl Surface {
         for row in column(bounds.min.y, self.size[1])..column(bounds.max.y, self.size[1]) {
             for pair in crossings(&local, row as f64 + 0.5).chunks_exact(2) {
                 let (from, to) = (column(pair[0], self.size[0]), column(pair[1], self.size[0]));
-                for pixel in self.rgba[4 * (row * width + from)..4 * (row * width + to.max(from))].chunks_exact_mut(4) {
-                    pixel.copy_from_slice(&colour);
+                for pixel in self.rgb[3 * (row * width + from)..3 * (row * width + to.max(from))].chunks_exact_mut(3) {
+                    pixel.copy_from_slice(&[r, g, b]);
                 }
             }
         }
@@ -188,15 +189,15 @@ mod tests {
         let network = &example.scenario.network;
         let lane = &network.lanelets[&1];
         let bounds = Bounds::around(&lane.outline()).unwrap().grown(5.0);
-        let surface = Surface::paint(network, &bounds, [1, 2, 3, 255], [9, 9, 9, 255]);
+        let surface = Surface::paint(network, &bounds);
         let width = surface.size[0] as usize;
         for row in (0..surface.size[1] as usize).step_by(3) {
             for column in (0..width).step_by(17) {
                 let middle = nalgebra::Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
                 let p = surface.corner + middle * surface.pixel;
-                let place = 4 * (row * width + column);
+                let place = 3 * (row * width + column);
                 let on_road = network.lanelets.values().any(|l| l.is_drivable() && l.contains(p));
-                assert_eq!(surface.rgba[place] == 1, on_road, "at {p}");
+                assert_eq!(surface.rgb[place] == style::ROAD.0, on_road, "at {p}");
             }
         }
     }

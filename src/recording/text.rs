@@ -36,7 +36,8 @@ fn lines(run: &Run) -> Vec<Line> {
     for cycle in &run.cycles {
         let decision = summary(run, &cycle.decision);
         if last != Some(decision) {
-            let level = if decision == "new plan" { TextLogLevel::INFO } else { TextLogLevel::WARN };
+            let proven = matches!(cycle.decision, Decision::NewPlan { .. });
+            let level = if proven { TextLogLevel::INFO } else { TextLogLevel::WARN };
             lines.push(Line { time: cycle.time, level, text: describe(cycle, decision) });
             last = Some(decision);
         }
@@ -63,10 +64,10 @@ fn summary(run: &Run, decision: &Decision) -> &'static str {
     match decision {
         Decision::NewPlan { deceleration } => {
             let comfortable = *deceleration <= run.vehicle.comfort.deceleration + SAME_DECELERATION;
-            if comfortable { "new plan" } else { "new plan, stop proven beyond comfort" }
+            if comfortable { "new plan" } else { "new plan, proven by hard braking" }
         }
-        Decision::KeepLast => "no new proven plan: the last one goes on to its stop",
-        Decision::Unproven => "no proven plan: braking as hard as the tyres allow",
+        Decision::KeepLast => "last plan goes on: no new one is proven",
+        Decision::Unproven => "emergency braking: no plan was ever proven",
     }
 }
 
@@ -75,7 +76,7 @@ fn describe(cycle: &Cycle, decision: &str) -> String {
     if let Decision::NewPlan { deceleration } = cycle.decision {
         let plan = &cycle.committed;
         let ahead = plan.profile.last().station - plan.at(cycle.time).station;
-        let _ = write!(text, ": at rest in {ahead:.1} m at {:.1} s, at most {deceleration:.1} m/s²", plan.end_time());
+        let _ = write!(text, ": stops in {ahead:.1} m, at {:.1} s, with {deceleration:.1} m/s²", plan.end_time());
     }
     let rejected = rejections(cycle);
     let total = cycle.candidates.len();
@@ -102,7 +103,7 @@ fn rejections(cycle: &Cycle) -> BTreeMap<&'static str, usize> {
 fn document(run: &Run) -> String {
     let outcome = run.outcome.name().replace('_', " ");
     let mut text =
-        format!("# {}\n\n{} · problem {}\n\n", plain(&run.scenario.id), plain(&run.vehicle.name), run.problem.id);
+        format!("### {}\n\n{} · problem {}\n\n", plain(&run.scenario.id), plain(&run.vehicle.name), run.problem.id);
     if run.verdict.checks.is_empty() {
         let _ = write!(text, "**{outcome}** (one planning cycle, nothing driven)\n");
         return text;
@@ -114,7 +115,7 @@ fn document(run: &Run) -> String {
     }
     let failures: Vec<&Check> = run.verdict.failures().collect();
     if !failures.is_empty() {
-        text.push_str("\n## What failed\n\n");
+        text.push_str("\n#### What failed\n\n");
     }
     for check in failures {
         let _ = writeln!(text, "- **{}**: {}", check.name, plain(&check.note));
@@ -154,9 +155,9 @@ mod tests {
         let kinds: Vec<&str> = lines.iter().map(|l| l.text.split(':').next().unwrap()).collect();
         // the example keeps its last plan in one cycle out of twenty
         let expected = [
-            "new plan, stop proven beyond comfort",
-            "no new proven plan",
-            "new plan, stop proven beyond comfort",
+            "new plan, proven by hard braking",
+            "last plan goes on",
+            "new plan, proven by hard braking",
             "stopped safely",
         ];
         assert_eq!(kinds, expected);
