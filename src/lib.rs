@@ -2,12 +2,16 @@
 //! rig that checks that it was right.
 
 pub mod collision;
+pub mod convex;
 pub mod drive;
 pub mod geometry;
 pub mod io;
 pub mod map;
 pub mod planner;
+pub mod reference;
+pub mod route;
 pub mod simulation;
+pub mod speed;
 pub mod trajectory;
 pub mod vehicle;
 pub mod verdict;
