@@ -3,9 +3,9 @@
 
 use divan::{Bencher, black_box};
 use stopline::collision::{CollisionSettings, CollisionWorld};
+use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
-use stopline::geometry::Pose;
 use stopline::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape, TimedPose};
 use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
 

@@ -646,3 +646,62 @@ fn settings_out_of_range_are_named() {
     assert!(toml::from_str::<CollisionSettings>("spacing = 0.25").is_ok_and(|s| s.spacing == 0.25 && s.road == 0.05));
     assert!(toml::from_str::<CollisionSettings>("spacings = 0.25").is_err());
 }
+
+/// Where the real files are, if they are on this machine.
+fn commonroad_files() -> Vec<std::path::PathBuf> {
+    let data = std::env::var_os("STOPLINE_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let Ok(folder) = std::fs::read_dir(data.join("commonroad")) else {
+        println!("skipped: no real files under {}", data.display());
+        return Vec::new();
+    };
+    let mut files: Vec<_> =
+        folder.filter_map(|f| Some(f.ok()?.path())).filter(|p| p.extension().is_some_and(|e| e == "xml")).collect();
+    files.sort();
+    files
+}
+
+/// On real maps no lanelet loses surface, and the area hardly goes beyond them.
+#[test]
+fn real_maps_keep_every_lanelet() {
+    for file in commonroad_files() {
+        let name = file.file_name().unwrap().to_string_lossy().into_owned();
+        let scenario = stopline::io::commonroad::read_file(&file).unwrap();
+        let clock = std::time::Instant::now();
+        let world = CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 30.0).unwrap();
+        let built = clock.elapsed();
+        let road = world.statics().road();
+        let holes: Vec<f64> = road.rings().map(|r| ring_area(&r)).filter(|a| *a < 0.0).collect();
+        let slivers = holes.iter().filter(|a| **a > -1.0).count();
+        let outers = road.rings().count() - holes.len();
+        let mut lost = 0;
+        for lanelet in scenario.network.lanelets.values() {
+            for i in 1..20 {
+                let share = f64::from(i) / 20.0;
+                let (l, r) =
+                    (lanelet.left.at(share * lanelet.left.length()), lanelet.right.at(share * lanelet.right.length()));
+                for across in [0.001, 0.3, 0.5, 0.999] {
+                    lost += usize::from(!road.contains(l + (r - l) * across) && lanelet.contains(l + (r - l) * across));
+                }
+            }
+        }
+        let start = scenario.problems.first().and_then(|p| {
+            let pose = vehicle().rear_axle_of_centre(&p.initial.centre);
+            world.start_overlap(&pose, p.initial.time_step as f64 * scenario.time_step)
+        });
+        println!(
+            "{name:40} lanelets {:4} segments {:5} outer {outers} holes {:2} of which below 1 m² {slivers} lost {lost} built {:.1} ms start {start:?}",
+            scenario.network.lanelets.len(),
+            road.rings().map(|r| r.len()).sum::<usize>(),
+            holes.len(),
+            built.as_secs_f64() * 1e3,
+        );
+        assert_eq!(lost, 0, "{name}");
+    }
+}
+
+fn ring_area(ring: &[Point]) -> f64 {
+    (1..ring.len() - 1).map(|i| 0.5 * cross(ring[i] - ring[0], ring[i + 1] - ring[0])).sum()
+}
