@@ -620,4 +620,41 @@ pub(crate) mod tests {
         }
         assert_eq!(unsmoothed, 0);
     }
+
+    /// The corridors that the planner will really be given: their lines, and where the start lies on them.
+    #[test]
+    fn real_corridors_hold_their_start_and_goal() {
+        let Some(folder) = real_data("commonroad") else { return };
+        let mut sharpest: Vec<(f64, String)> = Vec::new();
+        for (name, scenario) in real_scenarios(&folder) {
+            for problem in &scenario.problems {
+                let start = problem.initial.centre;
+                let outcome = crate::route::plan(&scenario.network, &start, &problem.goals, &Default::default());
+                for lane in &outcome.route().unwrap().lanes {
+                    let line = line(&scenario.network, &lane.lanelets);
+                    let foot = line.project(start.position);
+                    let tolerance = 1.0 + 0.02 * lane.start_station;
+                    assert!(
+                        (foot.s - lane.start_station).abs() < tolerance,
+                        "{name}: {foot:?} but {}",
+                        lane.start_station
+                    );
+                    if let Some(goal) = lane.goal {
+                        let (near, far) = (line.project(goal.near), line.project(goal.far));
+                        assert!(near.s <= far.s + 1e-6 && near.l.abs() < 1.5, "{name}: {near:?} {far:?}");
+                    }
+                    let reach = line.length().min(foot.s + 150.0);
+                    let steps = ((reach - foot.s).max(0.0) / 0.25) as i32;
+                    let at = |i: i32| (line.at(foot.s + f64::from(i) * 0.25).curvature.abs(), i);
+                    let (curvature, i) = (0..=steps).map(at).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+                    sharpest.push((curvature, format!("{name} {:?} {:.0} m ahead", lane.side, f64::from(i) * 0.25)));
+                }
+            }
+        }
+        sharpest.sort_by(|a, b| b.0.total_cmp(&a.0));
+        println!("{} corridors, sharpest within 150 m:", sharpest.len());
+        for (curvature, place) in sharpest.iter().take(30) {
+            println!("{curvature:.3} {place}");
+        }
+    }
 }
