@@ -253,7 +253,9 @@ fn full_braking_takes_the_distance_that_friction_allows() {
         assert!(distance > shortest && distance < 1.04 * expected, "{distance} {expected}");
         assert!(last.speed.abs() < 1e-6);
         for s in &log.samples {
-            assert!(-s.acceleration <= grip + c * s.speed * s.speed + 1e-6, "{} m/s² at {} s", s.acceleration, s.time);
+            // the logged acceleration is that of the step before, when the drag was a little more
+            let most = grip + c * s.speed * s.speed + 1e-3;
+            assert!(-s.acceleration <= most, "{} m/s² at {} s, at most {most}", s.acceleration, s.time);
         }
         // the brakes never drive backwards, but the tyres' springs give back what they held: at most the deflection at
         // which a brush tyre slides, 3 μ σ / c
