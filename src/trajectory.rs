@@ -89,6 +89,20 @@ pub struct SpeedKnot {
     pub jerk: f64,
 }
 
+impl SpeedKnot {
+    /// The state `t` seconds later, under the knot's own jerk.
+    #[must_use]
+    pub fn after(&self, t: f64) -> Self {
+        Self {
+            time: self.time + t,
+            station: self.station + t * (self.speed + t * (self.acceleration / 2.0 + t * self.jerk / 6.0)),
+            speed: (self.speed + t * (self.acceleration + t * self.jerk / 2.0)).max(0.0),
+            acceleration: self.acceleration + t * self.jerk,
+            jerk: self.jerk,
+        }
+    }
+}
+
 impl SpeedProfile {
     /// A profile from its knots, in order of time, at least one.
     #[must_use]
@@ -127,14 +141,7 @@ impl SpeedProfile {
         if after == self.knots.len() {
             return SpeedKnot { time, acceleration: 0.0, jerk: 0.0, ..*k };
         }
-        let t = time - k.time;
-        SpeedKnot {
-            time,
-            station: k.station + t * (k.speed + t * (k.acceleration / 2.0 + t * k.jerk / 6.0)),
-            speed: (k.speed + t * (k.acceleration + t * k.jerk / 2.0)).max(0.0),
-            acceleration: k.acceleration + t * k.jerk,
-            jerk: k.jerk,
-        }
+        k.after(time - k.time)
     }
 
     /// Whether it ends at rest.

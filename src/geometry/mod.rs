@@ -6,6 +6,7 @@
 pub mod polyline;
 pub mod quadrature;
 pub mod spiral;
+pub mod spiral_opt;
 
 /// A position in the plane, metres.
 pub type Point = nalgebra::Point2<f64>;
@@ -75,6 +76,9 @@ impl Pose {
 #[must_use]
 pub fn wrap_angle(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
+    if -PI < angle && angle <= PI {
+        return angle; // to the bit, so that mirrored inputs stay mirrored
+    }
     let wrapped = angle.rem_euclid(TAU);
     if wrapped > PI { wrapped - TAU } else { wrapped }
 }

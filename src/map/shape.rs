@@ -93,6 +93,23 @@ impl Shape {
         pieces
     }
 
+    /// The shape moved by a pose: from the pose's local frame into the world.
+    #[must_use]
+    pub fn moved(&self, pose: &Pose) -> Self {
+        let moved = |part: &Part| match part {
+            Part::Rectangle { centre, length, width } => Part::Rectangle {
+                centre: Pose { position: pose.to_world(centre.position), yaw: pose.yaw + centre.yaw },
+                length: *length,
+                width: *width,
+            },
+            Part::Circle { centre, radius } => Part::Circle { centre: pose.to_world(*centre), radius: *radius },
+            Part::Polygon { vertices } => {
+                Part::Polygon { vertices: vertices.iter().map(|v| pose.to_world(*v)).collect() }
+            }
+        };
+        Self { parts: self.parts.iter().map(moved).collect() }
+    }
+
     /// Radius of a circle around the frame's origin that holds the whole shape, m.
     #[must_use]
     pub fn bounding_radius(&self) -> f64 {

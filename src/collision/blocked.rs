@@ -1,0 +1,159 @@
+//! Blocked intervals: the ST graph that the speed search reads.
+
+use super::swept::Sweep;
+
+/// A time interval in which an obstacle is where the vehicle would be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlockedInterval {
+    /// Start, s since time step 0 of the file.
+    pub from: f64,
+    /// End, s.
+    pub to: f64,
+    /// The obstacle; when several block at once, the one with the lowest id.
+    pub obstacle: i64,
+}
+
+/// Which station cells are blocked when, along sweeps that follow one another. Being in cell `i` means that the rear
+/// axle is anywhere between `stations()[i]` and `stations()[i + 1]`.
+///
+/// Intervals are whole time slices. At an instant where one ends and nothing follows, both sides of the instant are
+/// covered by the neighbouring slices' own regions, so intervals that only touch do not conflict.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BlockedGrid {
+    /// Cell limits, m from the start of the first sweep.
+    stations: Vec<f64>,
+    /// The intervals of cell `i` are `intervals[starts[i]..starts[i + 1]]`.
+    starts: Vec<u32>,
+    /// Sorted by time and disjoint within a cell; neighbours with different obstacles touch.
+    intervals: Vec<BlockedInterval>,
+}
+
+impl BlockedGrid {
+    pub(super) fn new(
+        sweeps: &[&Sweep],
+        bits: &SliceBits,
+        slice: f64,
+        first: usize,
+        id: impl Fn(usize) -> i64,
+    ) -> Self {
+        let mut stations = vec![0.0];
+        for sweep in sweeps {
+            let before = stations[stations.len() - 1];
+            stations.extend(sweep.stations()[1..].iter().map(|s| before + s));
+        }
+        let mut starts = vec![0];
+        let mut intervals = Vec::new();
+        for cell in 0..stations.len() - 1 {
+            bits.runs(cell, |slices, track| {
+                intervals.push(BlockedInterval {
+                    from: (first + slices.start) as f64 * slice,
+                    to: (first + slices.end) as f64 * slice,
+                    obstacle: id(track),
+                });
+            });
+            #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
+            starts.push(intervals.len() as u32);
+        }
+        Self { stations, starts, intervals }
+    }
+
+    /// Number of cells.
+    #[must_use]
+    pub fn cells(&self) -> usize {
+        self.stations.len() - 1
+    }
+
+    /// Cell limits, m from the start of the first sweep; one more than there are cells.
+    #[must_use]
+    pub fn stations(&self) -> &[f64] {
+        &self.stations
+    }
+
+    /// The cells that share a point with the station interval; at a limit between two cells that is both.
+    #[must_use]
+    pub fn cells_over(&self, from: f64, to: f64) -> std::ops::Range<usize> {
+        let first = self.stations.partition_point(|s| *s < from).saturating_sub(1).min(self.cells());
+        let end = self.stations.partition_point(|s| *s <= to).min(self.cells());
+        first..end.max(first)
+    }
+
+    /// The blocked intervals of a cell, sorted and disjoint; none beyond the last cell.
+    #[must_use]
+    pub fn intervals(&self, cell: usize) -> &[BlockedInterval] {
+        match (self.starts.get(cell), self.starts.get(cell + 1)) {
+            (Some(&a), Some(&b)) => &self.intervals[a as usize..b as usize],
+            _ => &[],
+        }
+    }
+
+    /// Whether the cell is blocked at any time between `from` and `to` (intervals that only touch do not count, unless
+    /// `from` = `to`).
+    #[must_use]
+    pub fn is_blocked(&self, cell: usize, from: f64, to: f64) -> bool {
+        self.first_blocked(cell, from, to).is_some()
+    }
+
+    /// The first interval that blocks the cell between `from` and `to`.
+    #[must_use]
+    pub fn first_blocked(&self, cell: usize, from: f64, to: f64) -> Option<&BlockedInterval> {
+        let intervals = self.intervals(cell);
+        let instant = from == to;
+        let i = intervals.partition_point(|b| if instant { b.to < from } else { b.to <= from });
+        intervals.get(i).filter(|b| if instant { b.from <= to } else { b.from < to })
+    }
+
+    /// Whether any cell that shares a point with the station interval is blocked between the times.
+    #[must_use]
+    pub fn is_range_blocked(&self, stations: (f64, f64), times: (f64, f64)) -> bool {
+        self.cells_over(stations.0, stations.1).any(|cell| self.is_blocked(cell, times.0, times.1))
+    }
+
+    /// All blocked cells as (station interval, time interval), for pictures.
+    pub fn blocked_cells(&self) -> impl Iterator<Item = ((f64, f64), (f64, f64))> + '_ {
+        (0..self.cells()).flat_map(move |cell| {
+            let stations = (self.stations[cell], self.stations[cell + 1]);
+            self.intervals(cell).iter().map(move |b| (stations, (b.from, b.to)))
+        })
+    }
+
+    /// Whether nothing is blocked.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        self.intervals.is_empty()
+    }
+}
+
+/// Cells × slices with the obstacle that blocks each, while a grid is being made.
+#[derive(Debug)]
+pub(super) struct SliceBits {
+    slices: usize,
+    /// Track + 1 by cell and slice; 0 is free.
+    by: Vec<u32>,
+}
+
+impl SliceBits {
+    pub(super) fn new(cells: usize, slices: usize) -> Self {
+        Self { slices, by: vec![0; cells * slices] }
+    }
+
+    pub(super) fn is_set(&self, cell: usize, slice: usize) -> bool {
+        self.by[cell * self.slices + slice] != 0
+    }
+
+    #[allow(clippy::cast_possible_truncation)] // there are not 2³² obstacles
+    pub(super) fn set(&mut self, cell: usize, slice: usize, track: usize) {
+        self.by[cell * self.slices + slice] = track as u32 + 1;
+    }
+
+    /// Calls `found` with each run of slices that the same track blocks, in order.
+    fn runs(&self, cell: usize, mut found: impl FnMut(std::ops::Range<usize>, usize)) {
+        let row = &self.by[cell * self.slices..(cell + 1) * self.slices];
+        let mut start = 0;
+        for run in row.chunk_by(|a, b| a == b) {
+            if run[0] != 0 {
+                found(start..start + run.len(), run[0] as usize - 1);
+            }
+            start += run.len();
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! Predicted motion of the moving obstacles, and what it blocks along a sweep.
+//!
+//! # Technique
+//! Time is cut into slices of equal length (0.1 s by default), slice j from j·Δt to (j+1)·Δt since the start of the
+//! file. For each obstacle and slice the region covered during the slice is kept as convex pieces:
+//!
+//! * **Trajectory.** The hull of each piece of the shape at both ends of the slice and at the states in between.
+//!   Between states position and yaw are interpolated linearly ([`crate::map::Obstacle::pose_at`]), so a point at
+//!   radius r of the frame leaves the chord by at most r·Δψ²/8 where the yaw changes by Δψ (the linear part of the
+//!   motion has no second derivative): the hull is grown by that.
+//! * **Occupancy sets.** Their regions, for all slices that they share time with; a set holds until the next begins.
+//!
+//! Before its first and after its last state an obstacle is absent, as CommonRoad has it. This is built once for a
+//! run. A query asks parry's hierarchy over chunks of slices for those that meet the sweep's box at all, then descends
+//! the sweep's own hierarchy with the box of each slice, and decides by exact tests.
+//!
+//! # Weakness
+//! A piece that moves far in a slice while turning is covered by one hull. Nothing is known beyond the horizon.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use parry2d::bounding_volume::Aabb;
+use parry2d::partitioning::{Bvh, BvhBuildStrategy};
+
+use super::blocked::{BlockedGrid, SliceBits};
+use super::convert::Origin;
+use super::convex::{Convex, SweptCorners, boxes_meet, merged};
+use super::swept::{Margins, Sweep, with_margins};
+use super::{CollisionSettings, Overlap};
+use crate::geometry::{Pose, wrap_angle};
+use crate::map::{ConvexPart, Motion, Obstacle, TimedOccupancy, TimedPose};
+
+/// Slices per leaf of the hierarchy over time and space.
+const CHUNK: usize = 8;
+/// Times are products of step numbers and step lengths: allow their rounding, s.
+const TIME_SLACK: f64 = 1e-9;
+
+/// The moving obstacles' predicted regions in slices of time.
+#[derive(Debug, Clone)]
+pub struct Predictions {
+    slice: f64,
+    /// Number of slices up to the horizon.
+    slices: usize,
+    origin: Origin,
+    margins: Margins,
+    obstacles: Vec<Obstacle>,
+    tracks: Vec<Track>,
+    chunks: Vec<Chunk>,
+    tree: Bvh,
+}
+
+/// One obstacle's regions: those of slice `first + i` are `slices[i]`.
+#[derive(Debug, Clone)]
+struct Track {
+    id: i64,
+    first: usize,
+    slices: Vec<Slice>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Slice {
+    pieces: Vec<Convex>,
+    /// Box around the pieces; `None` while there are none.
+    aabb: Option<Aabb>,
+}
+
+/// Some slices of a track.
+#[derive(Debug, Clone)]
+struct Chunk {
+    track: usize,
+    /// Indices into the track's slices.
+    slices: Range<usize>,
+}
+
+impl Predictions {
+    /// Cuts the motion of all moving obstacles from time 0 to `horizon` (s since time step 0 of the file) into slices.
+    pub(super) fn new(obstacles: &[Obstacle], origin: Origin, settings: &CollisionSettings, horizon: f64) -> Self {
+        let slice = settings.time_slice;
+        let slices = index((horizon / slice - TIME_SLACK).ceil());
+        let mut obstacles: Vec<Obstacle> = obstacles.iter().filter(|o| !o.is_static()).cloned().collect();
+        obstacles.sort_by_key(|o| o.id);
+        let tracks: Vec<Track> = obstacles.iter().filter_map(|o| Track::new(o, &origin, slice, slices)).collect();
+        let (chunks, boxes): (Vec<Chunk>, Vec<Aabb>) = tracks.iter().enumerate().flat_map(chunks_of).unzip();
+        let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+        Self { slice, slices, origin, margins: settings.moving_obstacles, obstacles, tracks, chunks, tree }
+    }
+
+    /// End of what is predicted, s since time step 0 of the file.
+    #[must_use]
+    pub fn horizon(&self) -> f64 {
+        self.slices as f64 * self.slice
+    }
+
+    /// What the moving obstacles block along sweeps that follow one another, from time `from` to `to` (s since time
+    /// step 0 of the file; widened to whole slices, cut at the horizon).
+    #[must_use]
+    pub fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
+        let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
+        let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
+        let cells = sweeps.iter().map(|s| s.cells()).sum();
+        let mut bits = SliceBits::new(cells, end - first);
+        let mut offset = 0;
+        for sweep in sweeps {
+            self.mark(sweep, offset, first..end, &mut bits);
+            offset += sweep.cells();
+        }
+        BlockedGrid::new(sweeps, &bits, self.slice, first, |track| self.tracks[track].id)
+    }
+
+    /// Marks the slices in which the sweep's cells are blocked.
+    fn mark(&self, sweep: &Sweep, offset: usize, wanted: Range<usize>, bits: &mut SliceBits) {
+        let reach = with_margins(sweep.boxes().bounds(), &self.margins);
+        let mut found: Vec<u32> = self.tree.intersect_aabb(&reach).collect();
+        // chunks are in order of obstacle and time: the first obstacle to block a cell keeps it
+        found.sort_unstable();
+        let mut corners: Vec<Option<SweptCorners>> = vec![None; sweep.cells()];
+        for chunk in found.into_iter().map(|i| &self.chunks[i as usize]) {
+            let track = &self.tracks[chunk.track];
+            for i in chunk.slices.clone() {
+                let j = track.first + i;
+                let slice = &track.slices[i];
+                let Some(aabb) = slice.aabb.filter(|_| wanted.contains(&j)) else { continue };
+                sweep.cells_near(&aabb, &slice.pieces, &self.margins, |cell| {
+                    if bits.is_set(offset + cell, j - wanted.start) {
+                        return;
+                    }
+                    let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, &self.margins));
+                    let reach = with_margins(sweep.boxes().cell(cell), &self.margins);
+                    if slice.pieces.iter().any(|p| boxes_meet(p.aabb(), &reach) && p.overlaps(shape)) {
+                        bits.set(offset + cell, j - wanted.start, chunk.track);
+                    }
+                });
+            }
+        }
+    }
+
+    /// The first obstacle, in order of id, that shares a point with the convex polygon at `time`, no margins.
+    pub(super) fn overlap(&self, hull: &[super::convert::Local], time: f64) -> Option<Overlap> {
+        self.obstacles.iter().find_map(|obstacle| {
+            let parts = obstacle.occupied_at(time);
+            let hit =
+                parts.iter().filter_map(|p| Convex::of_part(p, &self.origin)).find(|p| p.distance_to(hull) == 0.0)?;
+            Some(Overlap { what: super::Blocker::Obstacle(obstacle.id), depth: hit.depth_in(hull) })
+        })
+    }
+}
+
+/// A non-negative whole number as an index; negative and not-a-number become 0.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // float casts saturate, which is what is wanted
+fn index(x: f64) -> usize {
+    x as usize
+}
+
+fn chunks_of((track, t): (usize, &Track)) -> Vec<(Chunk, Aabb)> {
+    let chunk = |(c, slices): (usize, &[Slice])| {
+        let aabb = slices.iter().filter_map(|s| s.aabb).reduce(|a, b| merged(&a, &b))?;
+        Some((Chunk { track, slices: c * CHUNK..c * CHUNK + slices.len() }, aabb))
+    };
+    t.slices.chunks(CHUNK).enumerate().filter_map(chunk).collect()
+}
+
+impl Track {
+    /// `None` if the obstacle does not exist before the horizon.
+    fn new(obstacle: &Obstacle, origin: &Origin, slice: f64, slices: usize) -> Option<Self> {
+        let found: BTreeMap<usize, Slice> = match &obstacle.motion {
+            Motion::Static(_) => return None,
+            Motion::Trajectory(states) => of_trajectory(states, &obstacle.shape.convex_parts(), origin, slice, slices),
+            Motion::Occupancy(sets) => of_sets(sets, origin, slice, slices),
+        };
+        let first = *found.keys().next()?;
+        let end = found.keys().next_back()? + 1;
+        let mut dense = vec![Slice::default(); end - first];
+        for (j, slice) in found {
+            dense[j - first] = slice;
+        }
+        Some(Self { id: obstacle.id, first, slices: dense })
+    }
+}
+
+impl Slice {
+    fn push(&mut self, piece: Convex) {
+        self.aabb = Some(self.aabb.map_or(*piece.aabb(), |aabb| merged(&aabb, piece.aabb())));
+        self.pieces.push(piece);
+    }
+}
+
+fn of_trajectory(
+    states: &[TimedPose],
+    parts: &[ConvexPart],
+    origin: &Origin,
+    slice: f64,
+    slices: usize,
+) -> BTreeMap<usize, Slice> {
+    let mut found = BTreeMap::new();
+    let (Some(first), Some(last)) = (states.first(), states.last()) else { return found };
+    let states: Vec<(f64, Pose)> = states.iter().map(|s| (s.time, origin.local_pose(&s.pose))).collect();
+    for j in touched(first.time, last.time, slice, slices) {
+        let (from, to) = ((j as f64 * slice).max(first.time), ((j + 1) as f64 * slice).min(last.time));
+        let poses = poses_between(&states, from, to);
+        let turn = poses.windows(2).map(|w| wrap_angle(w[1].yaw - w[0].yaw).abs()).fold(0.0, f64::max);
+        let region: &mut Slice = found.entry(j).or_default();
+        for part in parts {
+            let slack = 0.125 * turn * turn * part.bounding_radius();
+            if let Some(piece) = Convex::moved_through(part, &poses, slack) {
+                region.push(piece);
+            }
+        }
+    }
+    found
+}
+
+/// The poses at both times and the states in between. Poses between states are interpolated as
+/// [`Obstacle::pose_at`] does.
+fn poses_between(states: &[(f64, Pose)], from: f64, to: f64) -> Vec<Pose> {
+    let at = |time: f64| {
+        let after = states.partition_point(|(t, _)| *t <= time);
+        match (after.checked_sub(1).and_then(|i| states.get(i)), states.get(after)) {
+            (Some((t0, a)), Some((t1, b))) => Some(a.interpolated(b, (time - t0) / (t1 - t0))),
+            (Some((_, pose)), None) | (None, Some((_, pose))) => Some(*pose),
+            (None, None) => None,
+        }
+    };
+    let between = states.iter().filter(|(t, _)| from < *t && *t < to).map(|(_, pose)| *pose);
+    at(from).into_iter().chain(between).chain(at(to)).collect()
+}
+
+fn of_sets(sets: &[TimedOccupancy], origin: &Origin, slice: f64, slices: usize) -> BTreeMap<usize, Slice> {
+    let mut found = BTreeMap::new();
+    for (i, set) in sets.iter().enumerate() {
+        let until = sets.get(i + 1).map_or(set.to, |next| next.from.max(set.to));
+        let pieces: Vec<Convex> = set.region.convex_parts().iter().filter_map(|p| Convex::of_part(p, origin)).collect();
+        for j in touched(set.from, until, slice, slices) {
+            let region: &mut Slice = found.entry(j).or_default();
+            pieces.iter().for_each(|p| region.push(p.clone()));
+        }
+    }
+    found
+}
+
+/// The slices that share more than an instant with the interval; for an instant, those that hold it.
+fn touched(from: f64, to: f64, slice: f64, slices: usize) -> Range<usize> {
+    let slack = if to - from > 2.0 * TIME_SLACK { TIME_SLACK } else { -TIME_SLACK };
+    if to < 0.0 {
+        return 0..0;
+    }
+    let first = index(((from + slack) / slice).floor()).min(slices);
+    let end = index(((to - slack) / slice).ceil()).min(slices);
+    first..end.max(first)
+}

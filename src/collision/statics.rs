@@ -1,0 +1,176 @@
+//! What does not move: static obstacles and the edge of the road.
+//!
+//! Convex pieces in parry's bounding volume hierarchies, one for the obstacles and one for the boundary segments, since
+//! each has its own margin. A sweep is asked block by block (eight cells): one query of the hierarchies for the block,
+//! then the exact test for the cells whose boxes meet what was found.
+
+use parry2d::bounding_volume::Aabb;
+use parry2d::partitioning::{Bvh, BvhBuildStrategy};
+
+use super::convert::Origin;
+use super::convex::{Convex, boxes_meet};
+use super::drivable::{DrivableArea, OUTSIDE};
+use super::swept::{Body, FAN, Frame, Margins, Sweep, with_margins};
+use super::{Blocker, CollisionSettings, Overlap};
+use crate::map::{Motion, Scenario};
+
+/// The first cell of a sweep that meets something static.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StaticHit {
+    /// Station at which that cell begins, m from the start of the sweep: the rear axle may come this far.
+    pub station: f64,
+    /// The cell.
+    pub cell: usize,
+    /// What is there; an obstacle before the road's edge, the lowest id first.
+    pub what: Blocker,
+}
+
+/// What a check overlooks near the start of a sweep: the vehicle may already stand inside a margin, or partly off the
+/// road, and must be able to leave. Stations are m from the start of the sweep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Allowance {
+    /// Up to here footprints count without margins.
+    pub no_margins_until: f64,
+    /// Up to here the road's edge does not count at all.
+    pub no_road_until: f64,
+}
+
+impl Allowance {
+    /// Nothing is overlooked.
+    pub const NONE: Self = Self { no_margins_until: f64::NEG_INFINITY, no_road_until: f64::NEG_INFINITY };
+}
+
+/// Distances of a sweep to what does not move, m, each capped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearance {
+    /// To the nearest static obstacle.
+    pub obstacle: f64,
+    /// To the edge of the road.
+    pub road: f64,
+}
+
+/// Static obstacles and the road's edge.
+#[derive(Debug, Clone)]
+pub struct StaticWorld {
+    road: DrivableArea,
+    /// Convex pieces, in order of the obstacles' ids.
+    pieces: Vec<Convex>,
+    /// Obstacle of each piece.
+    ids: Vec<i64>,
+    tree: Bvh,
+    obstacle_margins: Margins,
+    road_margins: Margins,
+}
+
+impl StaticWorld {
+    pub(super) fn new(scenario: &Scenario, origin: Origin, settings: &CollisionSettings) -> Self {
+        let mut found: Vec<(i64, Convex)> = Vec::new();
+        for obstacle in &scenario.obstacles {
+            if let Motion::Static(pose) = &obstacle.motion {
+                let parts = obstacle.shape.convex_parts();
+                found.extend(parts.iter().filter_map(|p| Some((obstacle.id, Convex::of_part(&p.at(pose), &origin)?))));
+            }
+        }
+        found.sort_by_key(|(id, _)| *id);
+        let (ids, pieces): (Vec<i64>, Vec<Convex>) = found.into_iter().unzip();
+        let boxes: Vec<Aabb> = pieces.iter().map(|p| *p.aabb()).collect();
+        Self {
+            road: DrivableArea::with_origin(&scenario.network, origin),
+            tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
+            pieces,
+            ids,
+            obstacle_margins: settings.static_obstacles,
+            road_margins: Margins::uniform(settings.road + OUTSIDE),
+        }
+    }
+
+    /// The surface of the road.
+    #[must_use]
+    pub fn road(&self) -> &DrivableArea {
+        &self.road
+    }
+
+    /// The first cell in which the swept footprint, margins included, meets a static obstacle or leaves the road.
+    #[must_use]
+    pub fn first_hit(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
+        // the cells hang together: if no boundary meets them, all are inside as soon as one point is
+        let first_judged = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
+        let stray = first_judged.filter(|i| !self.road.contains_local(sweep.frames()[*i].at));
+        let stray = stray.map(|i| i.min(sweep.cells() - 1));
+        let hit = sweep
+            .boxes()
+            .blocks()
+            .iter()
+            .enumerate()
+            .find_map(|(i, block)| self.hit_in_block(sweep, allowance, i, block));
+        match (hit, stray) {
+            (Some(hit), Some(cell)) if hit.cell <= cell => Some(hit),
+            (_, Some(cell)) => Some(StaticHit { station: sweep.stations()[cell], cell, what: Blocker::RoadBoundary }),
+            (hit, None) => hit,
+        }
+    }
+
+    fn hit_in_block(&self, sweep: &Sweep, allowance: &Allowance, block: usize, aabb: &Aabb) -> Option<StaticHit> {
+        let reach = with_margins(aabb, &self.obstacle_margins);
+        let near = |i: &u32| sweep.block_may_meet(block, &self.pieces[*i as usize], &self.obstacle_margins);
+        let mut obstacles: Vec<u32> = self.tree.intersect_aabb(&reach).filter(near).collect();
+        obstacles.sort_unstable();
+        let reach = with_margins(aabb, &self.road_margins);
+        let near = |piece: &&Convex| sweep.block_may_meet(block, piece, &self.road_margins);
+        let edge: Vec<&Convex> = self.road.near(&reach).filter(near).collect();
+        if obstacles.is_empty() && edge.is_empty() {
+            return None;
+        }
+        (FAN * block..(FAN * (block + 1)).min(sweep.cells())).find_map(|cell| {
+            let station = sweep.stations()[cell];
+            let relaxed = station < allowance.no_margins_until;
+            let margins = if relaxed { &Margins::NONE } else { &self.obstacle_margins };
+            let reach = with_margins(sweep.boxes().cell(cell), margins);
+            let mut corners = sweep.corners(cell, margins);
+            let mut meets = |piece: &Convex| boxes_meet(piece.aabb(), &reach) && piece.overlaps(&mut corners);
+            if let Some(hit) = obstacles.iter().find(|i| meets(&self.pieces[**i as usize])) {
+                return Some(StaticHit { station, cell, what: Blocker::Obstacle(self.ids[*hit as usize]) });
+            }
+            if station < allowance.no_road_until {
+                return None;
+            }
+            let margins = if relaxed { Margins::NONE } else { self.road_margins };
+            let reach = with_margins(sweep.boxes().cell(cell), &margins);
+            let mut corners = sweep.corners(cell, &margins);
+            let mut meets = |piece: &Convex| boxes_meet(piece.aabb(), &reach) && piece.overlaps(&mut corners);
+            edge.iter().any(|piece| meets(piece)).then_some(StaticHit { station, cell, what: Blocker::RoadBoundary })
+        })
+    }
+
+    /// Distance of the vehicle's rectangle (no margins) to static obstacles and to the road's edge, the least over the
+    /// poses at every fourth cell limit and the last one, each `cap` at most, m. Meant for costs, after
+    /// [`StaticWorld::first_hit`] found nothing: between these poses it may be smaller by what a bend brings.
+    #[must_use]
+    pub fn clearance(&self, sweep: &Sweep, cap: f64) -> Clearance {
+        const STRIDE: usize = 4;
+        let frames = sweep.frames();
+        let mut least = Clearance { obstacle: cap, road: cap };
+        for frame in frames.iter().step_by(STRIDE).chain(frames.last()) {
+            let corners = sweep.body().corners(frame);
+            let aabb = Aabb::from_points_ref(&corners);
+            least.obstacle = super::nearest(&self.tree, &self.pieces, &corners, &aabb, least.obstacle);
+            least.road = self.road.boundary_distance(&corners, &aabb, least.road);
+        }
+        least
+    }
+
+    /// The static obstacle or the part off the road that the bare rectangle overlaps most deeply.
+    pub(super) fn overlap(&self, body: &Body, frame: &Frame) -> Option<Overlap> {
+        let corners = body.corners(frame);
+        let aabb = Aabb::from_points_ref(&corners);
+        let mut hits: Vec<u32> = self.tree.intersect_aabb(&aabb).collect();
+        hits.sort_unstable();
+        let hit = hits.into_iter().find(|i| self.pieces[*i as usize].distance_to(&corners) == 0.0);
+        if let Some(i) = hit {
+            let depth = self.pieces[i as usize].depth_in(&corners);
+            return Some(Overlap { what: Blocker::Obstacle(self.ids[i as usize]), depth });
+        }
+        let depth = self.road.depth_outside(body, frame)?;
+        Some(Overlap { what: Blocker::RoadBoundary, depth })
+    }
+}

@@ -1,0 +1,87 @@
+//! Upper bounds on speed along a path: from curvature, steering rate, rules and a planned stop, combined by minimum.
+
+use crate::geometry::spiral::PathPoint;
+
+/// What bounds the speed by comfort and by the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpeedLimits {
+    /// Lateral acceleration, m/s²: v ≤ √(a/|κ|).
+    pub lateral_acceleration: f64,
+    /// Steering rate, rad/s, of a vehicle with `wheelbase`.
+    pub steering_rate: f64,
+    /// Wheelbase, m.
+    pub wheelbase: f64,
+    /// Top speed, m/s.
+    pub top_speed: f64,
+}
+
+/// Least speed that any bound may ask for while moving, m/s: below it curvature limits mean nothing.
+const CRAWL: f64 = 0.5;
+
+impl SpeedLimits {
+    /// The highest speed at a point of a path, m/s.
+    ///
+    /// Steering: δ = atan(Lκ), so δ̇ = L κ′ v / (1 + L²κ²) ≤ δ̇_max bounds v as well.
+    #[must_use]
+    pub fn at(&self, point: &PathPoint) -> f64 {
+        let lateral = (self.lateral_acceleration / point.curvature.abs().max(1e-9)).sqrt();
+        let lk = self.wheelbase * point.curvature;
+        let steering = self.steering_rate * (1.0 + lk * lk) / (self.wheelbase * point.curvature_rate.abs()).max(1e-9);
+        lateral.min(steering).max(CRAWL).min(self.top_speed)
+    }
+}
+
+/// Highest speed at each node for a comfortable stop at the last one: v² = 2 d (s_n − s).
+#[must_use]
+pub fn braking_caps(stations: &[f64], deceleration: f64) -> Vec<f64> {
+    let end = stations.last().copied().unwrap_or(0.0);
+    stations.iter().map(|s| (2.0 * deceleration * (end - s)).max(0.0).sqrt()).collect()
+}
+
+/// Lowers the nodes' caps so that each next one can be reached with `deceleration`: the comfortable approach to every
+/// slower part.
+pub fn make_reachable(stations: &[f64], caps: &mut [f64], deceleration: f64) {
+    for i in (0..caps.len().saturating_sub(1)).rev() {
+        let ds = stations[i + 1] - stations[i];
+        let reachable = (caps[i + 1] * caps[i + 1] + 2.0 * deceleration * ds).sqrt();
+        caps[i] = caps[i].min(reachable);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+
+    const LIMITS: SpeedLimits =
+        SpeedLimits { lateral_acceleration: 3.0, steering_rate: 0.4, wheelbase: 2.5, top_speed: 50.0 };
+
+    fn point(curvature: f64, curvature_rate: f64) -> PathPoint {
+        PathPoint { pose: Pose::new(0.0, 0.0, 0.0), curvature, curvature_rate }
+    }
+
+    #[test]
+    fn a_bend_is_taken_at_the_lateral_limit_on_either_side() {
+        assert!((LIMITS.at(&point(0.03, 0.0)) - 10.0).abs() < 1e-9);
+        assert_eq!(LIMITS.at(&point(0.03, 0.0)), LIMITS.at(&point(-0.03, 0.0)));
+        assert_eq!(LIMITS.at(&point(0.0, 0.0)), 50.0);
+    }
+
+    #[test]
+    fn fast_changing_curvature_is_limited_by_the_steering_rate() {
+        assert!((LIMITS.at(&point(0.0, 0.02)) - 8.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn caps_can_be_followed_with_the_deceleration_they_were_made_for() {
+        let stations: Vec<f64> = (0..=40).map(|i| 0.5 * f64::from(i)).collect();
+        let mut caps = vec![12.0; 41];
+        caps[30] = 3.0;
+        make_reachable(&stations, &mut caps, 1.5);
+        for w in caps.windows(2) {
+            assert!(w[0] * w[0] - w[1] * w[1] <= 2.0 * 1.5 * 0.5 + 1e-9, "{w:?}");
+        }
+        assert_eq!(caps[30], 3.0);
+        assert_eq!(*braking_caps(&stations, 1.5).last().unwrap(), 0.0);
+    }
+}

@@ -1,0 +1,246 @@
+//! Checks a speed profile against its problem, by other code than the search: cell by cell, from the times at which the
+//! profile enters and leaves each cell.
+
+use super::SpeedProblem;
+use crate::trajectory::SpeedProfile;
+
+/// Why a profile is not a proven plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Refutation {
+    /// It does not end at rest.
+    NotAtRest {
+        /// Final speed, m/s.
+        speed: f64,
+    },
+    /// It ends where resting is not allowed, or where an obstacle comes by before the horizon.
+    UnsafeRest {
+        /// Station of rest, m.
+        station: f64,
+    },
+    /// It runs past the last node.
+    PastTheEnd {
+        /// Final station, m.
+        station: f64,
+    },
+    /// A cell is blocked while the profile is in it.
+    Blocked {
+        /// Index of the cell.
+        cell: usize,
+        /// Time at which the profile enters it, s of the run.
+        time: f64,
+    },
+    /// The speed cap of a cell is exceeded.
+    TooFast {
+        /// Index of the cell.
+        cell: usize,
+        /// Speed over the cap, m/s.
+        excess: f64,
+    },
+    /// A deceleration above the aggressive one, or an acceleration above the comfortable one.
+    TooHard {
+        /// Time, s of the run.
+        time: f64,
+        /// Acceleration there, m/s².
+        acceleration: f64,
+    },
+    /// It moves backwards.
+    Backwards {
+        /// Time, s of the run.
+        time: f64,
+    },
+}
+
+/// How far a profile may run past the last node (m): rounding of a quadratic program's solution, far below the
+/// collision margins.
+const STATION_SLACK: f64 = 1e-3;
+/// Speed over a cap that is forgiven (m/s): caps are comfort and rule limits sampled per cell, not edges of physics.
+const SPEED_SLACK: f64 = 0.25;
+/// Acceleration over a limit that is forgiven (m/s²): tolerance of the quadratic program.
+const ACCELERATION_SLACK: f64 = 0.02;
+/// Distance within which the profile counts as standing on a node (m): far below any margin, far above rounding.
+const ON_NODE: f64 = 1e-7;
+
+/// Proves that the profile ends at rest in a safe state without entering a blocked cell, within caps and accelerations.
+/// The profile's time 0 is the problem's start time and its stations are those of the problem.
+///
+/// # Errors
+/// The first violation met along the profile.
+pub fn prove(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
+    accelerations_hold(problem, profile)?;
+    let end = profile.last();
+    if !profile.ends_at_rest() {
+        return Err(Refutation::NotAtRest { speed: end.speed });
+    }
+    if end.station > problem.end() + STATION_SLACK {
+        return Err(Refutation::PastTheEnd { station: end.station });
+    }
+    cells_hold(problem, profile)?;
+    rest_holds(problem, end.station, problem.start_time + end.time)
+}
+
+fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
+    let limits = &problem.limits;
+    let start = profile.knots()[0].acceleration;
+    // the vehicle may enter the cycle with more than the limits, and needs time to leave that state
+    let highest = limits.acceleration.max(start) + ACCELERATION_SLACK;
+    let lowest = (-limits.aggressive_deceleration).min(start) - ACCELERATION_SLACK;
+    for pair in profile.knots().windows(2) {
+        let before_next = pair[0].acceleration + pair[0].jerk * (pair[1].time - pair[0].time);
+        for acceleration in [pair[0].acceleration, before_next] {
+            if !(lowest..=highest).contains(&acceleration) {
+                return Err(Refutation::TooHard { time: problem.start_time + pair[0].time, acceleration });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Every node passed, and every cell between two of them, must be free while the profile is there; caps must hold.
+fn cells_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
+    for pair in profile.knots().windows(2) {
+        if pair[1].station < pair[0].station - STATION_SLACK {
+            return Err(Refutation::Backwards { time: problem.start_time + pair[0].time });
+        }
+    }
+    let absolute = |t: f64| problem.start_time + t;
+    let mut leaves = last_time_at(profile, problem.stations[0]);
+    for cell in 0..problem.cells() {
+        let far_node = problem.stations[cell + 1];
+        let arrives = first_time_at(profile, far_node);
+        let until = arrives.unwrap_or(profile.duration());
+        if profile.last().station > problem.stations[cell] + STATION_SLACK
+            && problem.is_blocked(cell, absolute(leaves), absolute(until))
+        {
+            return Err(Refutation::Blocked { cell, time: absolute(leaves) });
+        }
+        cap_holds(problem, profile, cell, (leaves, until))?;
+        let Some(arrives) = arrives else { break };
+        leaves = last_time_at(profile, far_node);
+        if problem.is_rest_blocked(cell + 1, absolute(arrives), absolute(leaves)) {
+            return Err(Refutation::Blocked { cell, time: absolute(arrives) });
+        }
+    }
+    Ok(())
+}
+
+fn cap_holds(
+    problem: &SpeedProblem,
+    profile: &SpeedProfile,
+    cell: usize,
+    (from, to): (f64, f64),
+) -> Result<(), Refutation> {
+    let braked = braked_from(problem, problem.start_speed, cell);
+    let inner = profile.knots().iter().map(|k| k.time).filter(|t| (from..=to).contains(t));
+    let fastest = inner.chain([from, to]).map(|t| profile.at(t).speed).fold(0.0, f64::max);
+    let inside = fastest - problem.caps[cell].max(problem.caps[cell + 1]).max(braked);
+    let arriving = profile.at(to).speed - problem.caps[cell + 1].max(braked);
+    // braking from above the cap is a start state's right, as long as it gets no faster
+    let excess = inside.max(arriving);
+    if excess > SPEED_SLACK { Err(Refutation::TooFast { cell, excess }) } else { Ok(()) }
+}
+
+/// First time at which the profile reaches a station, if it does.
+fn first_time_at(profile: &SpeedProfile, station: f64) -> Option<f64> {
+    let knots = profile.knots();
+    let after = knots.partition_point(|k| k.station < station - ON_NODE);
+    let reached = knots.get(after)?;
+    let before = if after == 0 { reached } else { &knots[after - 1] };
+    Some(bisect(before.time, reached.time, |t| profile.at(t).station >= station - ON_NODE))
+}
+
+/// Time at which the profile leaves a station for good; its end if it rests there.
+fn last_time_at(profile: &SpeedProfile, station: f64) -> f64 {
+    let knots = profile.knots();
+    let after = knots.partition_point(|k| k.station <= station + ON_NODE);
+    match knots.get(after) {
+        None => profile.duration(),
+        Some(_) if after == 0 => knots[0].time,
+        Some(left) => bisect(knots[after - 1].time, left.time, |t| profile.at(t).station > station + ON_NODE),
+    }
+}
+
+/// The time in `[from, to]` at which a monotone condition becomes true, to the last bit that matters.
+fn bisect(mut from: f64, mut to: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    const HALVINGS: usize = 45;
+    for _ in 0..HALVINGS {
+        let middle = f64::midpoint(from, to);
+        if holds(middle) { to = middle } else { from = middle }
+    }
+    to
+}
+
+/// Speed left in `cell` when braking aggressively from the start of the problem.
+fn braked_from(problem: &SpeedProblem, start_speed: f64, cell: usize) -> f64 {
+    let run = problem.stations[cell] - problem.stations[0];
+    (start_speed * start_speed - 2.0 * problem.limits.deceleration * run).max(0.0).sqrt()
+}
+
+fn rest_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), Refutation> {
+    // the nodes around the station: rest must be allowed at both, and free in the cell between them
+    let after = problem.stations.partition_point(|&s| s < station - STATION_SLACK).min(problem.cells());
+    let on_node = (problem.stations[after] - station).abs() <= STATION_SLACK;
+    let safe = if on_node {
+        problem.is_safe_rest(after, time)
+    } else {
+        let before = after.saturating_sub(1);
+        problem.rest_allowed[before]
+            && problem.rest_allowed[after]
+            && !problem.is_blocked(before, time, problem.horizon.max(time))
+    };
+    if safe { Ok(()) } else { Err(Refutation::UnsafeRest { station }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_support::empty_road;
+    use super::*;
+    use crate::trajectory::SpeedKnot;
+
+    /// 10 m/s for `cruise` seconds, then −2 m/s² to rest.
+    fn cruise_and_brake(cruise: f64) -> SpeedProfile {
+        let knot = |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };
+        SpeedProfile::new(vec![
+            knot(0.0, 0.0, 10.0, 0.0),
+            knot(cruise, 10.0 * cruise, 10.0, -2.0),
+            knot(cruise + 5.0, 10.0 * cruise + 25.0, 0.0, 0.0),
+        ])
+        .unwrap()
+    }
+
+    #[test]
+    fn each_violation_is_named_and_the_clean_profile_passes() {
+        let clean = empty_road(60.0, 10.0);
+        assert_eq!(prove(&clean, &cruise_and_brake(2.0)), Ok(()));
+        assert!(matches!(prove(&empty_road(40.0, 10.0), &cruise_and_brake(2.0)), Err(Refutation::PastTheEnd { .. })));
+
+        let mut blocked = clean.clone();
+        blocked.blocked[20] = vec![(1.04, 1.2)]; // the cell from 10.0 to 10.5 m is crossed from 1.00 to 1.05 s
+        assert!(matches!(prove(&blocked, &cruise_and_brake(2.0)), Err(Refutation::Blocked { cell: 20, .. })));
+        blocked.blocked[20] = vec![(0.0, 0.99), (1.06, 9.0)];
+        assert_eq!(prove(&blocked, &cruise_and_brake(2.0)), Ok(()));
+
+        let mut capped = clean.clone();
+        capped.caps[61] = 4.0;
+        assert!(matches!(prove(&capped, &cruise_and_brake(2.0)), Err(Refutation::TooFast { cell: 60, .. })));
+
+        let mut junction = clean.clone();
+        junction.rest_allowed[90] = false; // rest is at 45 m
+        assert!(matches!(prove(&junction, &cruise_and_brake(2.0)), Err(Refutation::UnsafeRest { .. })));
+
+        let mut visited = clean.clone();
+        visited.blocked[89] = vec![(20.0, 21.0)];
+        visited.blocked[90] = vec![(20.0, 21.0)];
+        assert!(matches!(prove(&visited, &cruise_and_brake(2.0)), Err(Refutation::UnsafeRest { .. })));
+
+        let mut gentle = clean;
+        gentle.limits.aggressive_deceleration = 1.9;
+        assert!(matches!(prove(&gentle, &cruise_and_brake(2.0)), Err(Refutation::TooHard { .. })));
+    }
+
+    #[test]
+    fn a_profile_that_never_stops_is_refuted() {
+        let knot = |time, station| SpeedKnot { time, station, speed: 10.0, acceleration: 0.0, jerk: 0.0 };
+        let profile = SpeedProfile::new(vec![knot(0.0, 0.0), knot(3.0, 30.0)]).unwrap();
+        assert_eq!(prove(&empty_road(60.0, 10.0), &profile), Err(Refutation::NotAtRest { speed: 10.0 }));
+    }
+}

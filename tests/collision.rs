@@ -1,0 +1,707 @@
+//! The collision layer against slow and simple tests: dense sampling in space and time, on random spirals and obstacles.
+
+use proptest::prelude::*;
+use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins};
+use stopline::geometry::polyline::Polyline;
+use stopline::geometry::spiral::CubicSpiral;
+use stopline::geometry::{Point, Pose, Vector, cross};
+use stopline::map::{
+    ConvexPart, Lanelet, Motion, Obstacle, ObstacleKind, Part, RoadNetwork, Scenario, Shape, TimedOccupancy, TimedPose,
+};
+use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+
+/// The published dimensions of the BMW 320i; the rest does not matter here.
+fn vehicle() -> Vehicle {
+    Vehicle {
+        name: "bmw_320i".into(),
+        commonroad_type: Some(2),
+        length: 4.508,
+        width: 1.61,
+        wheelbase: 2.5789,
+        rear_axle_to_centre: 1.4227,
+        rear_axle_to_mass: 1.4227,
+        mass_height: 0.5,
+        track_width: 1.5,
+        mass: 1093.0,
+        yaw_inertia: 1791.0,
+        wheel_radius: 0.3,
+        wheel_inertia: 1.0,
+        limits: Limits {
+            steering: 1.066,
+            steering_rate: 0.4,
+            steering_acceleration: 20.0,
+            speed: 50.8,
+            acceleration: 11.5,
+            switching_speed: 7.3,
+            deceleration: 11.5,
+        },
+        tyres: Tyres {
+            friction: 1.0,
+            cornering_front: 20.0,
+            cornering_rear: 20.0,
+            longitudinal: 20.0,
+            relaxation_length: 0.3,
+            rolling_resistance: 0.01,
+            drag: 0.4,
+        },
+        actuators: Actuators {
+            drive_lag: 0.2,
+            brake_lag: 0.1,
+            steering_lag: 0.1,
+            drive_front_share: 0.0,
+            brake_front_share: 0.6,
+        },
+        comfort: Comfort {
+            acceleration: 2.0,
+            deceleration: 2.0,
+            aggressive_deceleration: 6.0,
+            lateral_acceleration: 3.0,
+            jerk: 3.0,
+        },
+    }
+}
+
+fn line(points: &[(f64, f64)]) -> Polyline {
+    Polyline::new(points.iter().map(|&(x, y)| Point::new(x, y))).unwrap()
+}
+
+fn lanelet(id: i64, left: Polyline, right: Polyline) -> Lanelet {
+    Lanelet {
+        id,
+        centre: left.clone(),
+        left,
+        right,
+        successors: vec![],
+        predecessors: vec![],
+        adjacent_left: None,
+        adjacent_right: None,
+        speed_limit: None,
+        stop_line: None,
+        signs: vec![],
+        lights: vec![],
+        types: vec![],
+    }
+}
+
+fn network(lanelets: Vec<Lanelet>) -> RoadNetwork {
+    RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() }
+}
+
+fn scenario(lanelets: Vec<Lanelet>, obstacles: Vec<Obstacle>) -> Scenario {
+    Scenario {
+        id: "test".into(),
+        version: "2020a".into(),
+        time_step: 0.1,
+        network: network(lanelets),
+        obstacles,
+        problems: vec![],
+        issues: vec![],
+    }
+}
+
+/// A square of asphalt, 400 m wide, around the origin.
+fn plain() -> Vec<Lanelet> {
+    vec![lanelet(1, line(&[(-200.0, 200.0), (200.0, 200.0)]), line(&[(-200.0, -200.0), (200.0, -200.0)]))]
+}
+
+fn straight_road(length: f64, half_width: f64) -> Vec<Lanelet> {
+    let bound = |y| line(&[(-20.0, y), (length, y)]);
+    vec![lanelet(1, bound(half_width), bound(-half_width))]
+}
+
+fn obstacle(id: i64, shape: Shape, motion: Motion) -> Obstacle {
+    Obstacle { id, kind: ObstacleKind::Unknown, shape, motion }
+}
+
+fn circle(radius: f64) -> Shape {
+    Shape { parts: vec![Part::Circle { centre: Point::new(0.0, 0.0), radius }] }
+}
+
+fn no_margins() -> CollisionSettings {
+    CollisionSettings {
+        static_obstacles: Margins::NONE,
+        moving_obstacles: Margins::NONE,
+        road: 0.0,
+        ..CollisionSettings::default()
+    }
+}
+
+fn world(scenario: &Scenario, settings: &CollisionSettings) -> CollisionWorld {
+    CollisionWorld::new(scenario, &vehicle(), settings, 10.0).unwrap()
+}
+
+fn footprint(pose: &Pose) -> Vec<Point> {
+    vehicle().footprint().iter().map(|p| pose.to_world(*p)).collect()
+}
+
+/// Signed separation of convex polygons over the directions of their edges: negative when they overlap. Slow and simple.
+fn separation(a: &[Point], b: &[Point]) -> f64 {
+    let one_way = |a: &[Point], b: &[Point]| {
+        (0..a.len())
+            .map(|i| {
+                let (from, to) = (a[i], a[(i + 1) % a.len()]);
+                let outward = Vector::new(to.y - from.y, from.x - to.x).normalize();
+                b.iter().map(|p| outward.dot(&(p - from))).fold(f64::INFINITY, f64::min)
+            })
+            .fold(f64::NEG_INFINITY, f64::max)
+    };
+    one_way(a, b).max(one_way(b, a))
+}
+
+/// Distance of a point to a convex polygon, 0 inside.
+fn point_distance(polygon: &[Point], p: Point) -> f64 {
+    let inside =
+        (0..polygon.len()).all(|i| cross(polygon[(i + 1) % polygon.len()] - polygon[i], p - polygon[i]) >= 0.0);
+    if inside {
+        return 0.0;
+    }
+    let closed = Polyline::new(polygon.iter().chain(std::iter::once(&polygon[0])).copied()).unwrap();
+    closed.project(p).offset.abs()
+}
+
+/// Whether the footprint overlaps any piece by more than `by` metres.
+fn overlaps(pose: &Pose, pieces: &[ConvexPart], by: f64) -> bool {
+    let body = footprint(pose);
+    pieces.iter().any(|piece| match piece {
+        ConvexPart::Polygon(points) => separation(&body, points) < -by,
+        ConvexPart::Circle { centre, radius } => point_distance(&body, *centre) < radius - by,
+    })
+}
+
+fn spirals(tightest: f64) -> impl Strategy<Value = CubicSpiral> {
+    let k = -tightest..tightest;
+    ([k.clone(), k.clone(), k.clone(), k], 2.0..40.0f64).prop_map(|(knots, length)| CubicSpiral { knots, length })
+}
+
+fn shapes() -> impl Strategy<Value = Shape> {
+    prop_oneof![
+        (0.2..5.0f64, 0.2..2.5f64).prop_map(|(l, w)| Shape::rectangle(l, w)),
+        (0.1..2.0f64).prop_map(circle),
+        prop::collection::vec((-2.0..2.0f64, -2.0..2.0f64), 3).prop_map(|v| Shape {
+            parts: vec![Part::Polygon { vertices: v.into_iter().map(|(x, y)| Point::new(x, y)).collect() }]
+        }),
+    ]
+}
+
+/// Poses of a spiral every `spacing` m.
+fn dense(start: &Pose, spiral: &CubicSpiral, spacing: f64) -> Vec<(f64, Pose)> {
+    let n = (spiral.length / spacing).ceil() as usize;
+    (0..=n).map(|i| spiral.length * i as f64 / n as f64).map(|s| (s, spiral.point_at(start, s).pose)).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// The first static hit comes no later than the first overlap found at 1 cm.
+    #[test]
+    fn static_obstacles_are_never_missed(
+        spiral in spirals(0.25), shape in shapes(), at in 0.0..1.0f64, aside in -4.0..4.0f64, turn in -3.0..3.0f64, yaw in -3.0..3.0f64,
+    ) {
+        let start = Pose::new(3.0, -7.0, yaw);
+        let near = spiral.point_at(&start, at * spiral.length).pose;
+        let place = Pose { position: near.position + near.left() * aside, yaw: near.yaw + turn };
+        let parts: Vec<_> = shape.convex_parts().iter().map(|p| p.at(&place)).collect();
+        let world = world(&scenario(plain(), vec![obstacle(9, shape, Motion::Static(place))]), &no_margins());
+        let sweep = world.sweep(&start, &spiral);
+        let hit = world.static_hit(&sweep);
+        let truth = dense(&start, &spiral, 0.01).into_iter().find(|(_, pose)| overlaps(pose, &parts, 1e-9));
+        if let Some((s, pose)) = truth {
+            let Some(hit) = hit else { panic!("missed the overlap at {s} {pose:?}") };
+            prop_assert!(hit.station <= s, "hit at {}, overlap at {s}", hit.station);
+            prop_assert_eq!(hit.what, Blocker::Obstacle(9));
+        }
+    }
+
+    /// The swept footprint is at most 5 cm larger than what the vehicle covers, at curvatures a car can drive.
+    #[test]
+    fn footprints_are_at_most_five_centimetres_too_large(spiral in spirals(0.12), yaw in -3.0..3.0f64) {
+        prop_assume!(spiral.length > 6.0);
+        let start = Pose::new(0.0, 0.0, yaw);
+        let world = world(&scenario(plain(), vec![]), &no_margins());
+        let sweep = world.sweep(&start, &spiral);
+        for cell in 0..sweep.cells() {
+            let (from, to) = (sweep.stations()[cell], sweep.stations()[cell + 1]);
+            let covered: Vec<Vec<Point>> = (0..=50).map(|i| {
+                footprint(&spiral.point_at(&start, from + (to - from) * f64::from(i) / 50.0).pose)
+            }).collect();
+            for p in sweep.footprint(cell, &Margins::NONE) {
+                let excess = covered.iter().map(|c| point_distance(c, p)).fold(f64::INFINITY, f64::min);
+                prop_assert!(excess < 0.05, "excess {excess} in cell {cell} of {spiral:?}");
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Leaving a winding road is never missed. The road is the boundary pair of a spiral, so it also bends.
+    #[test]
+    fn the_road_boundary_is_never_missed(road in spirals(0.06), driven in spirals(0.15), aside in -1.0..1.0f64, yaw in -0.3..0.3f64) {
+        let origin = Pose::new(0.0, 0.0, 0.4);
+        let along: Vec<Pose> = dense(&origin.advanced(-6.0), &CubicSpiral { length: 6.0, knots: [0.0; 4] }, 3.0)
+            .into_iter()
+            .chain(dense(&origin, &road, 1.0).into_iter().skip(1))
+            .map(|(_, pose)| pose)
+            .collect();
+        let bound = |l: f64| Polyline::new(along.iter().map(|p| p.position + p.left() * l)).unwrap();
+        let world = world(&scenario(vec![lanelet(1, bound(2.0), bound(-2.0))], vec![]), &no_margins());
+        let start = Pose { position: origin.position + origin.left() * aside, yaw: origin.yaw + yaw };
+        let outline: Vec<Point> = bound(-2.0).points().iter().chain(bound(2.0).points().iter().rev()).copied().collect();
+        // slow and simple: sides of the footprint against all sides of the outline
+        let leaves = |pose: &Pose| {
+            let body = footprint(pose);
+            (0..4).any(|i| (0..outline.len()).any(|j| {
+                segments_cross((body[i], body[(i + 1) % 4]), (outline[j], outline[(j + 1) % outline.len()]))
+            }))
+        };
+        prop_assume!(!leaves(&start));
+        let sweep = world.sweep(&start, &driven);
+        let truth = dense(&start, &driven, 0.05).into_iter().find(|(_, pose)| leaves(pose));
+        if let Some((s, pose)) = truth {
+            let Some(hit) = world.static_hit(&sweep) else { panic!("missed the boundary at {s} {pose:?}") };
+            prop_assert!(hit.station <= s, "hit at {}, boundary at {s}", hit.station);
+            prop_assert_eq!(hit.what, Blocker::RoadBoundary);
+        }
+    }
+
+    /// A driven speed profile that overlaps a moving obstacle somewhere, found at 1 cm and 5 ms, meets a blocked cell then.
+    #[test]
+    fn moving_obstacles_are_never_missed(
+        spiral in spirals(0.2), shape in shapes(), speed in 0.5..15.0f64,
+        meet in 0.0..1.0f64, aside in -3.0..3.0f64, heading in -3.2..3.2f64, other in 0.0..15.0f64, yaw_rate in -1.5..1.5f64,
+        step in prop_oneof![Just(0.1), Just(0.04), Just(0.25)],
+    ) {
+        let start = Pose::new(-11.0, 4.0, 0.7);
+        let duration = spiral.length / speed;
+        // the obstacle passes near the vehicle at a random moment, on a circle
+        let near = spiral.point_at(&start, meet * spiral.length).pose;
+        let place = Pose { position: near.position + near.left() * aside, yaw: heading };
+        let states: Vec<TimedPose> = (0..(4.0 / step) as usize).map(|i| {
+            let time = i as f64 * step + (meet * duration - 2.0).max(0.0);
+            let dt = time - meet * duration;
+            let yaw = heading + yaw_rate * dt;
+            let way = place.position + Vector::new((heading + 0.5 * yaw_rate * dt).cos(), (heading + 0.5 * yaw_rate * dt).sin()) * (other * dt);
+            TimedPose { time, pose: Pose { position: way, yaw }, speed: other }
+        }).collect();
+        let moving = obstacle(5, shape, Motion::Trajectory(states));
+        let world = world(&scenario(plain(), vec![moving.clone()]), &no_margins());
+        let sweep = world.sweep(&start, &spiral);
+        let grid = world.blocked(&[&sweep], 0.0, 20.0);
+        for i in 0..(duration.min(world.predictions().horizon()) / 0.005) as usize {
+            let time = i as f64 * 0.005;
+            let pose = spiral.point_at(&start, speed * time).pose;
+            if overlaps(&pose, &moving.occupied_at(time), 1e-9) {
+                let s = speed * time;
+                prop_assert!(grid.is_range_blocked((s, s), (time, time)), "overlap at {time} s, {s} m not blocked");
+                prop_assert!(grid.cells_over(s, s).all(|c| grid.first_blocked(c, time, time).is_none_or(|b| b.obstacle == 5)));
+            }
+        }
+    }
+
+    /// Mirrored and moved by 1e6 m, the answers are the same.
+    #[test]
+    fn mirrored_and_far_away_the_answers_are_the_same(
+        spiral in spirals(0.15), shape in (0.2..5.0f64, 0.2..2.5f64), x in 0.0..30.0f64, y in -6.0..6.0f64, turn in -3.0..3.0f64, speed in 0.0..10.0f64,
+    ) {
+        let ask = |flip: f64, shift: Vector| {
+            let put = |pose: Pose| Pose { position: Point::new(pose.position.x, flip * pose.position.y) + shift, yaw: flip * pose.yaw };
+            let place = put(Pose::new(x, y, turn));
+            let parked = obstacle(1, Shape::rectangle(shape.0, shape.1), Motion::Static(place));
+            let states = (0..40).map(|i| TimedPose { time: 0.1 * f64::from(i), pose: place.advanced(0.1 * speed * f64::from(i)), speed }).collect();
+            let moving = obstacle(2, Shape::rectangle(shape.0, shape.1), Motion::Trajectory(states));
+            let bound = |l: f64| line(&[(-200.0, flip * l), (200.0, flip * l)].map(|(x, y)| (x + shift.x, y + shift.y)));
+            // mirrored, left is right
+            let road = vec![if flip > 0.0 { lanelet(1, bound(9.0), bound(-7.0)) } else { lanelet(1, bound(-7.0), bound(9.0)) }];
+            let world = world(&scenario(road, vec![parked, moving]), &CollisionSettings::default());
+            let knots = spiral.knots.map(|k| flip * k);
+            let sweep = world.sweep(&put(Pose::new(0.0, 0.0, 0.1)), &CubicSpiral { knots, ..spiral });
+            let hit = world.static_hit(&sweep).map(|h| (h.cell, h.what));
+            let blocked: Vec<_> = world.blocked(&[&sweep], 0.0, 5.0).blocked_cells().map(|(_, t)| t).collect();
+            (hit, blocked, world.clearance(&sweep, 2.0))
+        };
+        let plain = ask(1.0, Vector::zeros());
+        for other in [ask(-1.0, Vector::zeros()), ask(1.0, Vector::new(1e6, -3e6)), ask(-1.0, Vector::new(-1e6, 4e6))] {
+            prop_assert_eq!(&plain.0, &other.0);
+            prop_assert_eq!(&plain.1, &other.1);
+            prop_assert!((plain.2.obstacle - other.2.obstacle).abs() < 1e-6 && (plain.2.road - other.2.road).abs() < 1e-4);
+        }
+    }
+}
+
+fn segments_cross(a: (Point, Point), b: (Point, Point)) -> bool {
+    let side = |(from, to): (Point, Point), p: Point| cross(to - from, p - from);
+    side(a, b.0) * side(a, b.1) < 0.0 && side(b, a.0) * side(b, a.1) < 0.0
+}
+
+fn rings(world: &CollisionWorld) -> usize {
+    world.statics().road().rings().count()
+}
+
+fn straight(length: f64) -> CubicSpiral {
+    CubicSpiral { knots: [0.0; 4], length }
+}
+
+#[test]
+fn a_hairline_gap_between_neighbours_is_no_boundary() {
+    let lane =
+        |id, low: f64, high: f64| lanelet(id, line(&[(0.0, high), (100.0, high)]), line(&[(0.0, low), (100.0, low)]));
+    let gap = |g: f64| vec![lane(1, -3.5, 0.0), lane(2, g, 3.5)];
+    for (g, expected) in [(0.0, 1), (0.01, 1), (0.5, 2)] {
+        let world = world(&scenario(gap(g), vec![]), &CollisionSettings::default());
+        assert_eq!(rings(&world), expected, "gap {g}");
+        let along = world.sweep(&Pose::new(10.0, 0.0, 0.0), &straight(50.0));
+        assert_eq!(world.static_hit(&along).is_none(), expected == 1, "gap {g}");
+    }
+    // one behind the other
+    let behind = vec![
+        lanelet(1, line(&[(0.0, 2.0), (50.0, 2.0)]), line(&[(0.0, -2.0), (50.0, -2.0)])),
+        lanelet(2, line(&[(50.01, 2.0), (100.0, 2.0)]), line(&[(50.01, -2.0), (100.0, -2.0)])),
+    ];
+    let world = world(&scenario(behind, vec![]), &CollisionSettings::default());
+    assert_eq!(rings(&world), 1);
+    assert!(world.static_hit(&world.sweep(&Pose::new(5.0, 0.0, 0.0), &straight(80.0))).is_none());
+}
+
+#[test]
+fn a_roundabout_keeps_its_island() {
+    let ring = |r: f64, from: f64, to: f64| {
+        Polyline::new((0..=20).map(|i| {
+            let a = from + (to - from) * f64::from(i) / 20.0;
+            Point::new(r * a.cos(), r * a.sin())
+        }))
+        .unwrap()
+    };
+    let tau = std::f64::consts::TAU;
+    let quarter = |i: i64| {
+        lanelet(
+            i,
+            ring(8.0, i as f64 * tau / 4.0, (i + 1) as f64 * tau / 4.0),
+            ring(12.0, i as f64 * tau / 4.0, (i + 1) as f64 * tau / 4.0),
+        )
+    };
+    let world = world(&scenario((0..4).map(quarter).collect(), vec![]), &CollisionSettings::default());
+    let road = world.statics().road();
+    assert_eq!(rings(&world), 2);
+    assert!(!road.contains(Point::new(0.0, 0.0)) && road.contains(Point::new(10.0, 0.0)));
+    assert!(!road.contains_region(&[
+        Point::new(-10.0, -0.5),
+        Point::new(10.0, -0.5),
+        Point::new(10.0, 0.5),
+        Point::new(-10.0, 0.5)
+    ]));
+    assert!(road.contains_region(&[
+        Point::new(9.0, -0.5),
+        Point::new(11.0, -0.5),
+        Point::new(11.0, 0.5),
+        Point::new(9.0, 0.5)
+    ]));
+    let round = CubicSpiral { knots: [0.1; 4], length: 60.0 };
+    assert!(world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 4.0), &round)).is_none());
+    let across = world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 2.0), &straight(10.0))).unwrap();
+    assert_eq!((across.what, across.cell), (Blocker::RoadBoundary, 0));
+}
+
+#[test]
+fn an_island_inside_the_footprint_is_seen() {
+    // four lanelets around a hole of 0.4 m × 0.4 m, smaller than the car in every direction
+    let quad =
+        |id, x0: f64, x1: f64, y0: f64, y1: f64| lanelet(id, line(&[(x0, y1), (x1, y1)]), line(&[(x0, y0), (x1, y0)]));
+    let lanes = vec![
+        quad(1, -20.0, 20.0, 0.2, 5.0),
+        quad(2, -20.0, 20.0, -5.0, -0.2),
+        quad(3, -20.0, -0.2, -0.2, 0.2),
+        quad(4, 0.2, 20.0, -0.2, 0.2),
+    ];
+    let world = world(&scenario(lanes, vec![]), &CollisionSettings::default());
+    let hit = world.static_hit(&world.sweep(&Pose::new(-10.0, 0.0, 0.0), &straight(20.0))).unwrap();
+    // front bumper 3.68 m ahead, near side of the hole at −0.2
+    assert!((6.0..=6.2).contains(&hit.station) || hit.station == 6.0, "{hit:?}");
+    let overlap = world.start_overlap(&Pose::new(-1.4, 0.0, 0.0), 0.0).unwrap();
+    assert_eq!(overlap.what, Blocker::RoadBoundary);
+    assert!(overlap.depth > 0.5, "{overlap:?}");
+}
+
+#[test]
+fn a_road_exactly_as_wide_as_the_vehicle_and_its_margin_is_driven() {
+    let half = 0.5 * vehicle().width;
+    let fits = |spare: f64| {
+        let world = world(&scenario(straight_road(80.0, half + spare), vec![]), &CollisionSettings::default());
+        world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(50.0))).is_none()
+    };
+    assert!(fits(0.06));
+    assert!(!fits(0.049));
+    let bare = |spare: f64| {
+        let world = world(&scenario(straight_road(80.0, half + spare), vec![]), &no_margins());
+        world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(50.0))).is_none()
+    };
+    assert!(bare(0.01));
+    assert!(!bare(-0.001));
+}
+
+#[test]
+fn the_end_of_the_road_is_found_to_the_cell() {
+    let world = world(&scenario(straight_road(50.0, 3.0), vec![]), &no_margins());
+    let hit = world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(60.0))).unwrap();
+    let truth = 50.0 - vehicle().front_overhang_from_rear_axle();
+    assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?} against {truth}");
+}
+
+#[test]
+fn degenerate_lanelets_keep_their_surface() {
+    let contains = |l: Lanelet, inside: &[(f64, f64)]| {
+        let world = world(&scenario(vec![l], vec![]), &CollisionSettings::default());
+        for &(x, y) in inside {
+            assert!(world.statics().road().contains(Point::new(x, y)), "({x}, {y}) is lost");
+        }
+    };
+    let (low, high) = (line(&[(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]), line(&[(0.0, 3.0), (10.0, 3.0), (20.0, 3.0)]));
+    contains(lanelet(1, high.clone(), low.clone()), &[(5.0, 1.0), (15.0, 2.0)]);
+    // left and right exchanged
+    contains(lanelet(1, low.clone(), high.clone()), &[(5.0, 1.0), (15.0, 2.0)]);
+    // bounds that cross in the middle: both lobes
+    contains(
+        lanelet(1, line(&[(0.0, 3.0), (20.0, 0.0)]), line(&[(0.0, 0.0), (20.0, 3.0)])),
+        &[(2.0, 1.5), (18.0, 1.5)],
+    );
+    // the inner bound of a sharp bend folds back over itself
+    let folded = line(&[(0.0, 1.0), (9.0, 1.0), (11.0, 1.0), (9.0, 1.5), (9.0, 11.0)]);
+    contains(
+        lanelet(1, folded, line(&[(0.0, -2.0), (8.0, -2.0), (12.0, -2.0), (12.0, 2.0), (12.0, 11.0)])),
+        &[(5.0, 0.0), (10.0, -1.0), (11.5, 5.0)],
+    );
+    // two points against many
+    let many = Polyline::new((0..30).map(|i| Point::new(f64::from(i), 3.0))).unwrap();
+    contains(lanelet(1, many, line(&[(0.0, 0.0), (29.0, 0.0)])), &[(5.0, 0.1), (25.0, 2.9), (14.5, 1.5)]);
+    // without width there is nothing, and no panic
+    let world = world(&scenario(vec![lanelet(1, low.clone(), low)], vec![]), &CollisionSettings::default());
+    assert!(!world.statics().road().contains(Point::new(5.0, 1.0)));
+    assert_eq!(
+        world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(5.0))).unwrap().what,
+        Blocker::RoadBoundary
+    );
+}
+
+#[test]
+fn without_any_lanelet_everything_is_off_the_road() {
+    let world = world(&scenario(vec![], vec![]), &CollisionSettings::default());
+    assert!(world.statics().road().is_empty());
+    let hit = world.static_hit(&world.sweep(&Pose::new(1e6, 0.0, 0.0), &straight(5.0))).unwrap();
+    assert_eq!((hit.cell, hit.what), (0, Blocker::RoadBoundary));
+}
+
+#[test]
+fn a_start_partly_off_the_road_says_how_far_and_can_be_left() {
+    let world = world(&scenario(straight_road(80.0, 3.0), vec![]), &CollisionSettings::default());
+    let half = 0.5 * vehicle().width;
+    let start = Pose::new(0.0, 3.0 - half + 0.3, 0.0);
+    let overlap = world.start_overlap(&start, 0.0).unwrap();
+    assert_eq!(overlap.what, Blocker::RoadBoundary);
+    assert!((overlap.depth - 0.28).abs() < 1e-3, "{overlap:?}");
+    assert!(world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0).is_none());
+    let back = CubicSpiral { knots: [-0.05, -0.02, 0.02, 0.05], length: 20.0 };
+    let sweep = world.sweep(&start, &back);
+    assert_eq!(world.static_hit(&sweep).unwrap().cell, 0);
+    let allowance = Allowance { no_margins_until: 12.0, no_road_until: 12.0 };
+    let later = world.static_hit_from_start(&sweep, &allowance);
+    assert!(later.is_none_or(|hit| hit.station >= 12.0), "{later:?}");
+}
+
+#[test]
+fn starting_in_an_obstacle_names_it_and_its_depth() {
+    let parked = obstacle(7, Shape::rectangle(4.0, 2.0), Motion::Static(Pose::new(5.0, 0.0, 0.0)));
+    let states = vec![
+        TimedPose { time: 1.0, pose: Pose::new(20.0, 0.0, 0.0), speed: 0.0 },
+        TimedPose { time: 2.0, pose: Pose::new(20.0, 0.0, 0.0), speed: 0.0 },
+    ];
+    let guest = obstacle(8, circle(1.0), Motion::Trajectory(states));
+    let world = world(&scenario(plain(), vec![guest, parked]), &CollisionSettings::default());
+    let hit = world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0).unwrap();
+    // front bumper at 1.4227 + 2.254, the parked one's rear at 3
+    assert_eq!(hit.what, Blocker::Obstacle(7));
+    assert!((hit.depth - 0.6767).abs() < 1e-9, "{hit:?}");
+    let beside = Pose::new(18.0, 0.0, 0.0);
+    assert_eq!(world.start_overlap(&beside, 1.5).unwrap().what, Blocker::Obstacle(8));
+    assert!(world.start_overlap(&beside, 0.5).is_none(), "not there yet");
+    assert!(world.start_overlap(&beside, 2.5).is_none(), "gone");
+}
+
+/// Ground truth on a straight road: times at which the vehicle, anywhere in the cell, overlaps the obstacle, at 1 ms.
+fn blocked_by_force(moving: &Obstacle, cell: (f64, f64), until: f64) -> Vec<f64> {
+    let poses: Vec<Pose> =
+        (0..=20).map(|i| Pose::new(cell.0 + (cell.1 - cell.0) * f64::from(i) / 20.0, 0.0, 0.0)).collect();
+    (0..(until * 1000.0) as u32)
+        .map(|i| f64::from(i) * 0.001)
+        .filter(|t| {
+            let parts = moving.occupied_at(*t);
+            poses.iter().any(|p| overlaps(p, &parts, 1e-6))
+        })
+        .collect()
+}
+
+fn constant_motion(from: Pose, speed: f64, until: f64) -> Motion {
+    let n = (until / 0.1).round() as u32;
+    Motion::Trajectory(
+        (0..=n)
+            .map(|i| TimedPose { time: 0.1 * f64::from(i), pose: from.advanced(0.1 * speed * f64::from(i)), speed })
+            .collect(),
+    )
+}
+
+#[test]
+fn crossing_following_and_oncoming_are_blocked_when_they_are_there_and_not_a_slice_longer() {
+    let half_pi = std::f64::consts::FRAC_PI_2;
+    let cases = [
+        ("crossing", Pose::new(20.0, -12.0, half_pi), 5.0),
+        ("following", Pose::new(8.0, 0.0, 0.0), 4.0),
+        ("oncoming", Pose::new(45.0, 0.5, 2.0 * half_pi), 6.0),
+        ("standing", Pose::new(25.0, 1.0, 0.3), 0.0),
+    ];
+    for (name, from, speed) in cases {
+        let moving = obstacle(3, Shape::rectangle(4.5, 1.8), constant_motion(from, speed, 5.0));
+        let world = world(&scenario(plain(), vec![moving.clone()]), &no_margins());
+        let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(40.0));
+        let grid = world.blocked(&[&sweep], 0.0, 8.0);
+        assert!(!grid.is_free(), "{name}");
+        for cell in (0..grid.cells()).step_by(5) {
+            let truth = blocked_by_force(&moving, (grid.stations()[cell], grid.stations()[cell + 1]), 6.0);
+            for t in &truth {
+                assert!(grid.is_blocked(cell, *t, *t), "{name}: cell {cell} at {t} s is missed");
+            }
+            for b in grid.intervals(cell) {
+                assert_eq!(b.obstacle, 3);
+                // whole slices: at each end at most one slice more than the truth, and a slice of motion at 1 ms
+                let near = |t: f64| truth.iter().any(|x| (x - t).abs() < 0.102);
+                assert!(
+                    near(b.from) && near(b.to),
+                    "{name}: cell {cell} blocked {b:?}, truth {:?}..{:?}",
+                    truth.first(),
+                    truth.last()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_prediction_set_blocks_while_it_holds_and_until_the_next_begins() {
+    let square =
+        |x: f64| Shape { parts: vec![Part::Rectangle { centre: Pose::new(x, 0.0, 0.0), length: 2.0, width: 2.0 }] };
+    let sets = vec![
+        TimedOccupancy { from: 0.5, to: 1.0, region: square(20.0) },
+        TimedOccupancy { from: 1.2, to: 1.5, region: square(30.0) },
+    ];
+    let world = world(&scenario(plain(), vec![obstacle(4, circle(1.0), Motion::Occupancy(sets))]), &no_margins());
+    let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(40.0));
+    let grid = world.blocked(&[&sweep], 0.0, 3.0);
+    let times = |s: f64| grid.intervals(grid.cells_over(s, s).start).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
+    let close = |found: Vec<(f64, f64)>, from: f64, to: f64| {
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!((found[0].0 - from).abs() < 1e-9 && (found[0].1 - to).abs() < 1e-9, "{found:?}");
+    };
+    close(times(20.2), 0.5, 1.2);
+    close(times(30.2), 1.2, 1.5);
+    assert!(times(10.0).is_empty());
+}
+
+#[test]
+fn chained_sweeps_give_the_grid_of_the_whole_path() {
+    let moving = obstacle(3, Shape::rectangle(4.5, 1.8), constant_motion(Pose::new(20.0, -12.0, 1.57), 5.0, 5.0));
+    let world = world(&scenario(plain(), vec![moving]), &CollisionSettings::default());
+    let start = Pose::new(0.0, 0.0, 0.0);
+    let (a, b) = (world.sweep(&start, &straight(10.0)), world.sweep(&start.advanced(10.0), &straight(25.0)));
+    let chained = world.blocked(&[&a, &b], 0.3, 4.0);
+    let path = stopline::trajectory::Path::new(start, &[straight(10.0), straight(25.0)]).unwrap();
+    let whole = world.blocked(&[&world.sweep_path(&path)], 0.3, 4.0);
+    assert_eq!(chained, whole);
+    assert_eq!((chained.cells(), chained.stations()[70]), (70, 35.0));
+    assert!(chained.blocked_cells().all(|(_, (from, to))| from >= 0.3 - 1e-9 && to <= 4.0 + 1e-9));
+    assert_eq!(chained.cells_over(10.0, 10.0), 19..21);
+    assert_eq!(chained.cells_over(10.1, 10.2), 20..21);
+    assert_eq!(chained.cells_over(34.9, 50.0), 69..70);
+}
+
+#[test]
+fn margins_are_kept_from_obstacles_and_clearance_measures_without_them() {
+    let at = |gap: f64| {
+        let parked = obstacle(7, Shape::rectangle(4.0, 2.0), Motion::Static(Pose::new(15.0, 1.0 + 0.805 + gap, 0.0)));
+        let world = world(&scenario(plain(), vec![parked]), &CollisionSettings::default());
+        let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(30.0));
+        (world.static_hit(&sweep).is_some(), world.clearance(&sweep, 2.0))
+    };
+    assert!(at(0.19).0 && !at(0.21).0);
+    assert!((at(0.5).1.obstacle - 0.5).abs() < 1e-9);
+    assert_eq!(at(5.0).1.obstacle, 2.0);
+    assert_eq!(at(5.0).1.road, 2.0);
+}
+
+#[test]
+fn settings_out_of_range_are_named() {
+    let bad = CollisionSettings { spacing: 0.0, ..CollisionSettings::default() };
+    assert_eq!(bad.validate().unwrap_err().field, "spacing");
+    let bad = CollisionSettings { time_slice: f64::NAN, ..CollisionSettings::default() };
+    assert_eq!(bad.validate().unwrap_err().field, "time_slice");
+    let bad = CollisionSettings { road: -0.1, ..CollisionSettings::default() };
+    assert!(CollisionWorld::new(&scenario(plain(), vec![]), &vehicle(), &bad, 1.0).is_err());
+    assert!(toml::from_str::<CollisionSettings>("spacing = 0.25").is_ok_and(|s| s.spacing == 0.25 && s.road == 0.05));
+    assert!(toml::from_str::<CollisionSettings>("spacings = 0.25").is_err());
+}
+
+/// Where the real files are, if they are on this machine.
+fn commonroad_files() -> Vec<std::path::PathBuf> {
+    let data = std::env::var_os("STOPLINE_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let Ok(folder) = std::fs::read_dir(data.join("commonroad")) else {
+        println!("skipped: no real files under {}", data.display());
+        return Vec::new();
+    };
+    let mut files: Vec<_> =
+        folder.filter_map(|f| Some(f.ok()?.path())).filter(|p| p.extension().is_some_and(|e| e == "xml")).collect();
+    files.sort();
+    files
+}
+
+/// On real maps no lanelet loses surface, and the area hardly goes beyond them.
+#[test]
+fn real_maps_keep_every_lanelet() {
+    for file in commonroad_files() {
+        let name = file.file_name().unwrap().to_string_lossy().into_owned();
+        let scenario = stopline::io::commonroad::read_file(&file).unwrap();
+        let clock = std::time::Instant::now();
+        let world = CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 30.0).unwrap();
+        let built = clock.elapsed();
+        let road = world.statics().road();
+        let holes: Vec<f64> = road.rings().map(|r| ring_area(&r)).filter(|a| *a < 0.0).collect();
+        let slivers = holes.iter().filter(|a| **a > -1.0).count();
+        let outers = road.rings().count() - holes.len();
+        let mut lost = 0;
+        for lanelet in scenario.network.lanelets.values() {
+            for i in 1..20 {
+                let share = f64::from(i) / 20.0;
+                let (l, r) =
+                    (lanelet.left.at(share * lanelet.left.length()), lanelet.right.at(share * lanelet.right.length()));
+                for across in [0.001, 0.3, 0.5, 0.999] {
+                    lost += usize::from(!road.contains(l + (r - l) * across) && lanelet.contains(l + (r - l) * across));
+                }
+            }
+        }
+        let start = scenario.problems.first().and_then(|p| {
+            let pose = vehicle().rear_axle_of_centre(&p.initial.centre);
+            world.start_overlap(&pose, p.initial.time_step as f64 * scenario.time_step)
+        });
+        println!(
+            "{name:40} lanelets {:4} segments {:5} outer {outers} holes {:2} of which below 1 m² {slivers} lost {lost} built {:.1} ms start {start:?}",
+            scenario.network.lanelets.len(),
+            road.rings().map(|r| r.len()).sum::<usize>(),
+            holes.len(),
+            built.as_secs_f64() * 1e3,
+        );
+        assert_eq!(lost, 0, "{name}");
+    }
+}
+
+fn ring_area(ring: &[Point]) -> f64 {
+    (1..ring.len() - 1).map(|i| 0.5 * cross(ring[i] - ring[0], ring[i + 1] - ring[0])).sum()
+}
