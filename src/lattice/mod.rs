@@ -36,6 +36,8 @@ pub struct Settings {
     pub longest_edge: f64,
     /// Largest number of layers.
     pub layers: usize,
+    /// Number of layers that edges from the root reach directly.
+    pub root_layers: usize,
     /// Spacing of lateral offsets, m.
     pub offset_spacing: f64,
     /// Largest lateral offset on either side, m.
@@ -56,6 +58,7 @@ impl Default for Settings {
             edge_time: 1.6,
             longest_edge: 40.0,
             layers: 6,
+            root_layers: 3,
             offset_spacing: 0.5,
             offset_limit: 4.0,
             steepest: 0.35,
@@ -183,15 +186,22 @@ impl Chains {
         let first = *stations.first()?;
         let mut chains = Self { labels: Vec::new(), ends: Vec::new() };
         let offsets = offsets(settings);
-        let first_edges = edges::from_root(ground, root, first, &offsets, settings);
-        let mut layer = chains.extend(first_edges.into_iter().map(|e| (None, Arc::new(e))), offsets.len());
-        for pair in stations.windows(2) {
+        let root_edges = |station| {
+            let edges = edges::from_root(ground, root, station, &offsets, settings);
+            edges.into_iter().map(|e| (None, Arc::new(e)))
+        };
+        let mut layer = chains.extend(root_edges(first), offsets.len());
+        for (i, pair) in stations.windows(2).enumerate() {
             let next = store.between(ground, pair[0], pair[1], &offsets, settings);
             let reached: Vec<_> = layer.iter().flatten().copied().collect();
             let mut tries = Vec::new();
             for label in reached {
                 let from = chains.labels[label].edge.to;
                 tries.extend(next.iter().filter(|e| e.from == Some(from)).map(|e| (Some(label), Arc::clone(e))));
+            }
+            // long edges straight from the root: a gentle change of lanes takes more than one stride
+            if i + 1 < settings.root_layers {
+                tries.extend(root_edges(pair[1]));
             }
             layer = chains.extend(tries.into_iter(), offsets.len());
         }

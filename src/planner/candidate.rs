@@ -33,6 +33,8 @@ pub(super) struct Situation<'a> {
     pub(super) no_rest: &'a [(f64, f64)],
     /// Whether moving obstacles are given way with the time gap.
     pub(super) with_gap: bool,
+    /// Lateral acceleration that no path may ask for, m/s².
+    pub(super) lateral_limit: f64,
 }
 
 /// A candidate whose stop is proven.
@@ -53,6 +55,9 @@ pub(super) enum Evaluation {
 impl Situation<'_> {
     /// Searches the speed along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
+        if self.is_too_sharp(path) {
+            return Evaluation::Rejected { code: "too_sharp", expansions: 0 };
+        }
         let Some((problem, blocked)) = self.speed_problem(path) else {
             return Evaluation::Rejected { code: "no_room", expansions: 0 };
         };
@@ -67,6 +72,27 @@ impl Situation<'_> {
                 None => Evaluation::Rejected { code: "no_profile", expansions: plan.expansions },
             },
         }
+    }
+
+    /// Whether the path bends more than the speed allows that is left after braking comfortably from here.
+    fn is_too_sharp(&self, path: &LatticePath) -> bool {
+        /// Distance between checks, m.
+        const STEP: f64 = 1.0;
+        let limits = SpeedLimits {
+            lateral_acceleration: self.lateral_limit,
+            steering_rate: self.vehicle.limits.steering_rate,
+            wheelbase: self.vehicle.wheelbase,
+            top_speed: f64::INFINITY,
+        };
+        let braking = 2.0 * self.vehicle.comfort.deceleration;
+        let stops_after = self.speed * self.speed / braking;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of checks
+        let checks = (stops_after.min(path.free_length) / STEP) as usize;
+        // the first metre is where the vehicle is: no choice of path changes it
+        (1..=checks).map(|i| i as f64 * STEP).any(|s| {
+            let left = (self.speed * self.speed - braking * s).max(0.0).sqrt();
+            left > limits.at(&path.path.at(s))
+        })
     }
 
     /// Where the plan must stop on the path at the latest, and whether a stop is planned there.

@@ -28,7 +28,7 @@ use crate::geometry::wrap_angle;
 use crate::lattice::{Ground, LatticePath, Root, paths};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::Frenet;
-use crate::speed::{prove, smoothing};
+use crate::speed::smoothing;
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
 
@@ -66,6 +66,8 @@ struct Rung {
     with_gap: bool,
     /// Whether resting in junctions is forbidden.
     junctions_kept_free: bool,
+    /// Lateral acceleration that no path may ask for, m/s².
+    lateral_limit: f64,
 }
 
 /// Where a cycle plans from.
@@ -197,7 +199,9 @@ impl<'a> Planner<'a> {
     /// what it needed.
     fn rungs(&self) -> Vec<Rung> {
         let aggressive = self.vehicle.comfort.aggressive_deceleration;
-        let first = Rung { world: 0, deceleration: aggressive, with_gap: true, junctions_kept_free: true };
+        let lateral_limit = LATERAL_HEADROOM * self.vehicle.comfort.lateral_acceleration;
+        let first =
+            Rung { world: 0, deceleration: aggressive, with_gap: true, junctions_kept_free: true, lateral_limit };
         let mut rungs = vec![
             first,
             Rung { with_gap: false, ..first },
@@ -209,6 +213,7 @@ impl<'a> Planner<'a> {
             deceleration,
             with_gap: false,
             junctions_kept_free: false,
+            lateral_limit: EMERGENCY_LATERAL,
         }));
         if let Some(committed) = &self.committed {
             rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
@@ -360,6 +365,7 @@ impl<'a> Planner<'a> {
             proof_deceleration: rung.deceleration,
             no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
             with_gap: rung.with_gap,
+            lateral_limit: rung.lateral_limit,
         }
     }
 
@@ -367,8 +373,7 @@ impl<'a> Planner<'a> {
     fn smoothed(&self, start: &Start, choice: &Choice) -> SpeedProfile {
         let Proven { problem, searched, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        smoothing::smooth(problem, searched, start.point.acceleration, &settings)
-            .filter(|profile| prove(problem, profile).is_ok())
+        smoothing::smooth_and_prove(problem, searched, start.point.acceleration, &settings)
             .unwrap_or_else(|| searched.clone())
     }
 
@@ -419,6 +424,10 @@ const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { later
 const PREDICTION_BEYOND_END: f64 = 15.0;
 /// Share of the vehicle's curvature that paths may use; the rest is the tracking controller's.
 const CURVATURE_SHARE: f64 = 0.95;
+/// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
+const LATERAL_HEADROOM: f64 = 0.9;
+/// Lateral acceleration of emergency paths, m/s²: well inside dry friction, with braking on top.
+const EMERGENCY_LATERAL: f64 = 5.0;
 /// Lateral distance from a reference line within which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
 /// Distance to rest within which a stop counts as the final approach, m.

@@ -53,8 +53,9 @@ pub enum Refutation {
 /// How far a profile may run past the last node (m): rounding of a quadratic program's solution, far below the
 /// collision margins.
 const STATION_SLACK: f64 = 1e-3;
-/// Speed over a cap that is forgiven (m/s): caps are comfort and rule limits sampled per cell, not edges of physics.
-const SPEED_SLACK: f64 = 0.25;
+/// Speed over a cap that is forgiven (m/s). Caps are comfort and rule limits, not edges of physics, and a jerk limit of
+/// 1.8 m/s³ carries the speed on by 1.5²/(2·1.8) m/s when a cap appears in the middle of an acceleration.
+const SPEED_SLACK: f64 = 0.7;
 /// Acceleration over a limit that is forgiven (m/s²): tolerance of the quadratic program.
 const ACCELERATION_SLACK: f64 = 0.02;
 /// Distance within which the profile counts as standing on a node (m): far below any margin, far above rounding.

@@ -14,7 +14,7 @@
 //! at the searched station, which is an approximation: the caller **proves the result again** ([`super::prove`]) and keeps
 //! the unsmoothed plan when that fails.
 
-use super::{SpeedPlan, SpeedProblem};
+use super::{SpeedPlan, SpeedProblem, prove};
 use crate::convex::QuadraticProgram;
 use crate::trajectory::{SpeedKnot, SpeedProfile};
 
@@ -68,6 +68,24 @@ pub fn unsmoothed(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfi
     SpeedProfile::new(knots.collect())
 }
 
+/// The smoothed profile, starting with `start_acceleration`, if one can be proved. Where the first solution cannot be,
+/// caps and corridor are read again along it and the program is solved once more (a step of sequential convex
+/// programming).
+#[must_use]
+pub fn smooth_and_prove(
+    problem: &SpeedProblem,
+    searched: &SpeedProfile,
+    start_acceleration: f64,
+    settings: &Settings,
+) -> Option<SpeedProfile> {
+    let first = smooth(problem, searched, start_acceleration, settings)?;
+    if prove(problem, &first).is_ok() {
+        return Some(first);
+    }
+    let second = smooth(problem, &first, start_acceleration, settings)?;
+    prove(problem, &second).is_ok().then_some(second)
+}
+
 /// The smoothed profile, starting with `start_acceleration`; `None` if the program has no solution.
 ///
 /// The result is not proven: see the module's text.
@@ -92,6 +110,9 @@ pub fn smooth(
     }
     profile_of(&layout, &solution.x, searched, start_acceleration, h)
 }
+
+/// Weight of a speed over its cap, in s²/m² and s/m.
+const OVER_CAP_WEIGHT: f64 = 20.0;
 
 /// Factor on the station weight of the last knot.
 const END_EMPHASIS: f64 = 100.0;
@@ -163,12 +184,21 @@ fn add_bounds(
     for k in 1..=layout.n {
         let t = k as f64 * settings.step;
         let wanted = searched.at(t);
-        let (lower, upper) = corridor(problem, wanted.station, problem.start_time + t);
+        let (lower, upper) = corridor(problem, wanted.station, problem.start_time + t, settings.step);
         qp.between(lower, &[(layout.s(k), 1.0)], upper);
         let (cap, slope) = cap_line(problem, wanted.station);
         let excess = (wanted.speed - cap - slope * wanted.station).max(0.0);
         qp.between(0.0, &[(layout.v(k), 1.0)], f64::INFINITY);
-        qp.between(f64::NEG_INFINITY, &[(layout.v(k), 1.0), (layout.s(k), -slope)], cap + excess);
+        // caps are soft: a start acceleration may carry the speed over one, and a proof follows anyway
+        let over = qp.add_variable();
+        qp.between(0.0, &[(over, 1.0)], f64::INFINITY);
+        qp.add_square(OVER_CAP_WEIGHT, &[(over, 1.0)], 0.0);
+        qp.add_linear(over, OVER_CAP_WEIGHT);
+        qp.between(
+            f64::NEG_INFINITY,
+            &[(layout.v(k), 1.0), (layout.s(k), -slope), (over, -1.0)],
+            cap + excess,
+        );
         // the acceleration that the cycle starts with may lie outside and decays at the jerk limit
         let allowance = (start_acceleration.abs() - settings.jerk * t).max(0.0);
         let lowest = (-limits.aggressive_deceleration).min(if start_acceleration < 0.0 { -allowance } else { 0.0 });
@@ -177,15 +207,16 @@ fn add_bounds(
     }
 }
 
-/// The free stations around `station` at `time`: up to the next blocked cell ahead, down to the one behind.
-fn corridor(problem: &SpeedProblem, station: f64, time: f64) -> (f64, f64) {
+/// The free stations around `station` within half a step of `time`: up to the next blocked cell ahead, down to the one
+/// behind.
+fn corridor(problem: &SpeedProblem, station: f64, time: f64, step: f64) -> (f64, f64) {
     let nodes = &problem.stations;
     let cells = problem.cells();
     if cells == 0 {
         return (nodes[0], nodes[0]);
     }
     let here = nodes.partition_point(|&s| s <= station).clamp(1, cells) - 1;
-    let blocked = |i: usize| problem.is_blocked(i, time, time);
+    let blocked = |i: usize| problem.is_blocked(i, time - 0.5 * step, time + 0.5 * step);
     let upper = (here..cells).find(|&i| blocked(i) && nodes[i] >= station).map_or(problem.end(), |i| nodes[i]);
     let lower = (0..here).rev().find(|&i| blocked(i)).map_or(nodes[0], |i| nodes[i + 1]);
     (lower.min(station), upper.max(station))
@@ -247,7 +278,7 @@ fn profile_of(
 #[cfg(test)]
 mod tests {
     use super::super::test_support::empty_road;
-    use super::super::{Resolution, SpeedOutcome, bounds, plan, prove};
+    use super::super::{Resolution, SpeedOutcome, bounds, plan};
     use super::*;
 
     fn searched(problem: &SpeedProblem) -> SpeedProfile {
