@@ -150,6 +150,9 @@ struct Gain {
     feedback: Matrix2x5<f64>,
 }
 
+/// States, inputs and cost.
+type RollOut = (Vec<Vector5<f64>>, Vec<Vector2<f64>>, f64);
+
 struct Fitter<'a> {
     model: &'a Model,
     wanted: &'a [Wanted],
@@ -236,13 +239,7 @@ impl Fitter<'_> {
     }
 
     /// The first roll-out along the gains, with ever smaller steps, that is cheaper.
-    fn search(
-        &self,
-        states: &[Vector5<f64>],
-        inputs: &[Vector2<f64>],
-        gains: &[Gain],
-        cost: f64,
-    ) -> Option<(Vec<Vector5<f64>>, Vec<Vector2<f64>>, f64)> {
+    fn search(&self, states: &[Vector5<f64>], inputs: &[Vector2<f64>], gains: &[Gain], cost: f64) -> Option<RollOut> {
         /// Halvings of the step; after that, damping does better.
         const HALVINGS: i32 = 5;
         (0..HALVINGS).find_map(|halvings| {

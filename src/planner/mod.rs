@@ -1,70 +1,476 @@
 //! The planner: the stages called in order, once a cycle; keeps the committed plan.
+//!
+//! A cycle starts from the committed trajectory (not from the measured state, so that the reference stays continuous;
+//! a large tracking error restarts it from the measurement), builds lattice paths on every lane that leads to the goal,
+//! lets SafeTLP search the speed on them and commits to the best pair of path and speed **whose stop is proven**. If
+//! there is none, the last proven plan goes on to its stop.
+//!
+//! What a proof may use is tried in rungs ([`Rung`]): with margins and the aggressive deceleration first, then without
+//! margins, then with harder braking. Each plan says which it needed.
 
-use crate::geometry::Point;
-use crate::trajectory::{Path, Trajectory};
+mod candidate;
+mod goal;
+mod lanes;
+mod record;
+mod settings;
 
-/// What one planning cycle saw and chose. Everything that pictures, recordings and reports need.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Cycle {
-    /// Time of the run at which the cycle ran, s.
-    pub time: f64,
-    /// The trajectory committed from this time on: the new plan, or the last one when no new plan was proven.
-    pub committed: Trajectory,
-    /// What was decided.
-    pub decision: Decision,
-    /// The reference line used, sampled.
-    pub reference: Vec<Point>,
-    /// The candidates, in a stable order.
-    pub candidates: Vec<Candidate>,
-    /// Station × time cells blocked on the committed path, as (station interval, time interval): m on the committed
-    /// path, s of the run.
-    pub blocked: Vec<((f64, f64), (f64, f64))>,
-    /// Index of the chosen one in `candidates`; `None` when the last plan goes on.
-    pub chosen: Option<usize>,
-    /// Search expansions of the speed layer, over all candidates.
-    pub expansions: usize,
-    /// Wall-clock times of the stages, s. Never part of a hash.
-    pub stage_seconds: StageSeconds,
+pub use goal::GoalOnLane;
+pub use record::{Candidate, Cycle, Decision, StageSeconds};
+pub use settings::Settings;
+
+use std::time::Instant;
+
+use self::candidate::{DELAY_HORIZON, Evaluation, Proven, Situation};
+use self::lanes::Lane;
+use crate::collision::{Allowance, Blocker, CollisionWorld};
+use crate::geometry::spiral::CubicSpiral;
+use crate::geometry::wrap_angle;
+use crate::lattice::{Ground, LatticePath, Root, paths};
+use crate::map::{PlanningProblem, Scenario};
+use crate::reference::Frenet;
+use crate::speed::{prove, smoothing};
+use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
+use crate::vehicle::{State, Vehicle};
+
+pub use self::lanes::NoLane;
+
+/// Plans for one vehicle in one scenario, cycle by cycle.
+pub struct Planner<'a> {
+    scenario: &'a Scenario,
+    problem: &'a PlanningProblem,
+    vehicle: &'a Vehicle,
+    settings: &'a Settings,
+    /// With margins, without margins.
+    worlds: [CollisionWorld; 2],
+    lanes: Result<Vec<Lane>, NoLane>,
+    committed: Option<Committed>,
+    cruise: f64,
+    horizon: f64,
 }
 
-/// What a cycle decided.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Decision {
-    /// A new plan with its stop proven, under the given deceleration (m/s²) at most.
-    NewPlan {
-        /// Largest deceleration of the plan and its proof, m/s².
-        deceleration: f64,
-    },
-    /// No new proven plan was found: the last proven plan goes on to its stop.
-    KeepLast,
-    /// No proven plan has ever been found: braking as hard as the tyres allow.
-    Unproven,
+/// The plan in force.
+#[derive(Clone)]
+struct Committed {
+    trajectory: Trajectory,
+    deceleration: f64,
 }
 
-/// One candidate path.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Candidate {
-    /// The path.
-    pub path: Path,
-    /// Total cost; infinite if rejected.
-    pub cost: f64,
-    /// Why it was rejected; a stable code.
-    pub rejected: Option<&'static str>,
+/// What proofs may use in one attempt.
+#[derive(Clone, Copy)]
+struct Rung {
+    /// Index of the collision world.
+    world: usize,
+    /// Largest deceleration, m/s².
+    deceleration: f64,
+    /// Whether moving obstacles are given way with the time gap.
+    with_gap: bool,
+    /// Whether resting in junctions is forbidden.
+    junctions_kept_free: bool,
 }
 
-/// Wall-clock times of the stages of one cycle, s.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StageSeconds {
-    /// Reference line.
-    pub reference: f64,
-    /// Lattice.
-    pub lattice: f64,
-    /// Collision.
-    pub collision: f64,
-    /// Speed search.
-    pub speed: f64,
-    /// Smoothing and its proof.
-    pub smoothing: f64,
-    /// The whole cycle.
-    pub total: f64,
+/// Where a cycle plans from.
+struct Start {
+    point: TrajectoryPoint,
+    /// Whether it lies on the committed trajectory.
+    on_plan: bool,
+}
+
+/// A path with its speed, ready to be committed.
+struct Choice {
+    lane: usize,
+    candidate: usize,
+    path: LatticePath,
+    proven: Box<Proven>,
+    deceleration: f64,
+    cost: f64,
+}
+
+/// Why planning can't even begin.
+#[derive(Debug, thiserror::Error)]
+pub enum PlannerError {
+    /// A setting is out of its range.
+    #[error(transparent)]
+    Settings(#[from] crate::collision::SettingsError),
+}
+
+impl<'a> Planner<'a> {
+    /// Prepares planning: collision worlds, routes and reference lines.
+    ///
+    /// # Errors
+    /// A setting out of its range. No lane to drive on is an outcome: [`Planner::no_lane`].
+    pub fn new(
+        scenario: &'a Scenario,
+        problem: &'a PlanningProblem,
+        vehicle: &'a Vehicle,
+        settings: &'a Settings,
+        end_time: f64,
+    ) -> Result<Self, PlannerError> {
+        let prediction_end = scenario.obstacles.iter().map(|o| o.lifetime().1).filter(|t| t.is_finite());
+        let horizon = prediction_end.fold(0.0, f64::max).min(end_time + PREDICTION_BEYOND_END);
+        let bare = crate::collision::CollisionSettings {
+            static_obstacles: BARE_MARGIN,
+            moving_obstacles: BARE_MARGIN,
+            road: 0.0,
+            ..settings.collision
+        };
+        let worlds = [
+            CollisionWorld::new(scenario, vehicle, &settings.collision, horizon)?,
+            CollisionWorld::new(scenario, vehicle, &bare, horizon)?,
+        ];
+        let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
+        let cruise = settings.cruise_speed.max(problem.initial.speed);
+        Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon })
+    }
+
+    /// Why there is no lane to drive on, if there is none.
+    #[must_use]
+    pub fn no_lane(&self) -> Option<NoLane> {
+        self.lanes.as_ref().err().copied()
+    }
+
+    /// Time after which nothing moves any more, s of the run.
+    #[must_use]
+    pub fn prediction_end(&self) -> f64 {
+        self.horizon
+    }
+
+    /// One planning cycle: returns its record, with the trajectory to follow from now on.
+    pub fn cycle(&mut self, state: &State) -> Cycle {
+        let begun = Instant::now();
+        let start = self.start(state);
+        self.follow_route(&start);
+        let mut record = CycleRecord::default();
+        let choice = self.rungs().into_iter().find_map(|rung| self.choose(&start, rung, &mut record));
+        let (decision, blocked) = match choice.filter(|c| !self.is_settled(&start, c)) {
+            Some(choice) => {
+                record.chosen = Some(choice.candidate);
+                let decision = Decision::NewPlan { deceleration: choice.deceleration };
+                let smoothing_begun = Instant::now();
+                let profile = self.smoothed(&start, &choice);
+                record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
+                record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
+                let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
+                self.committed = Some(Committed { trajectory, deceleration: choice.deceleration });
+                (decision, choice.proven.blocked)
+            }
+            None if self.committed.is_some() && start.on_plan => (Decision::KeepLast, Vec::new()),
+            None => {
+                self.committed = Some(self.emergency_stop(&start));
+                (Decision::Unproven, Vec::new())
+            }
+        };
+        record.seconds.total = begun.elapsed().as_secs_f64();
+        let committed = self.committed.clone().unwrap_or_else(|| self.emergency_stop(&start));
+        Cycle {
+            time: state.time,
+            committed: committed.trajectory,
+            decision,
+            reference: record.reference,
+            candidates: record.candidates,
+            blocked,
+            chosen: record.chosen,
+            expansions: record.expansions,
+            stage_seconds: record.seconds,
+        }
+    }
+
+    /// Plans the route anew where the lanes in hand end too soon, or where the vehicle has changed to another one.
+    fn follow_route(&mut self, start: &Start) {
+        let Ok(lanes) = &self.lanes else { return };
+        let centre = self.vehicle.centre_of_rear_axle(&start.point.pose);
+        let on = |lane: &Lane| {
+            let Frenet { s, l } = lane.reference.project(start.point.pose.position);
+            (lane.reference.length() - s, l.abs())
+        };
+        let Some(current) = lanes.iter().find(|l| l.is_current) else { return };
+        let (ahead, offset) = on(current);
+        let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
+        let ends_soon = ahead < self.settings.longest_horizon && current.goes_on(self.scenario);
+        if changed || ends_soon {
+            if let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle) {
+                self.lanes = Ok(lanes);
+            }
+        }
+    }
+
+    /// The rungs in the order in which they are tried. While a proven plan is in force there is no reason to go beyond
+    /// what it needed.
+    fn rungs(&self) -> Vec<Rung> {
+        let aggressive = self.vehicle.comfort.aggressive_deceleration;
+        let first = Rung { world: 0, deceleration: aggressive, with_gap: true, junctions_kept_free: true };
+        let mut rungs = vec![
+            first,
+            Rung { with_gap: false, ..first },
+            Rung { with_gap: false, junctions_kept_free: false, ..first },
+            Rung { with_gap: false, junctions_kept_free: false, world: 1, ..first },
+        ];
+        rungs.extend(self.settings.emergency_decelerations.iter().map(|&deceleration| Rung {
+            world: 1,
+            deceleration,
+            with_gap: false,
+            junctions_kept_free: false,
+        }));
+        if let Some(committed) = &self.committed {
+            rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
+        }
+        rungs
+    }
+
+    /// Where to plan from: the committed trajectory now, or the measured state if that is too far from it.
+    fn start(&self, state: &State) -> Start {
+        if let Some(committed) = &self.committed {
+            let point = committed.trajectory.at(state.time);
+            let error = point.pose.to_local(state.pose.position);
+            if error.x.abs() <= self.settings.restart_longitudinal && error.y.abs() <= self.settings.restart_lateral {
+                return Start { point, on_plan: true };
+            }
+        }
+        let curvature = state.steering.tan() / self.vehicle.wheelbase;
+        let point = TrajectoryPoint {
+            time: state.time,
+            pose: state.pose,
+            curvature,
+            curvature_rate: 0.0,
+            station: 0.0,
+            speed: state.speed.max(0.0),
+            acceleration: state.acceleration,
+            jerk: 0.0,
+        };
+        Start { point, on_plan: false }
+    }
+
+    /// The cheapest pair of path and speed whose stop is proven on this rung.
+    fn choose(&mut self, start: &Start, rung: Rung, record: &mut CycleRecord) -> Option<Choice> {
+        let mut best: Option<Choice> = None;
+        for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
+            let begun = Instant::now();
+            let found = self.lattice_paths(start, lane, rung);
+            record.seconds.lattice += begun.elapsed().as_secs_f64();
+            let begun = Instant::now();
+            self.evaluate_all(start, lane, rung, found, &mut best, record);
+            record.seconds.speed += begun.elapsed().as_secs_f64();
+        }
+        best
+    }
+
+    /// Lattice paths on a lane, from the start and from the end of the committed edge, with the terms that depend on
+    /// the lane and on the committed path.
+    fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung) -> Vec<LatticePath> {
+        let speed = start.point.speed;
+        let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
+        let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
+        let world = &self.worlds[rung.world];
+        let roots = self.roots(start, world);
+        let weights = self.settings.lattice.weights;
+        let committed = self.committed.as_ref().filter(|_| start.on_plan);
+        let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
+        let ground = Ground {
+            reference: &lane.reference,
+            world,
+            max_curvature: self.vehicle.max_curvature() * CURVATURE_SHARE,
+            half_width: 0.5 * self.vehicle.width,
+        };
+        let mut all = Vec::new();
+        for root in &roots {
+            let store = &mut lane.stores[rung.world];
+            for mut path in paths(&ground, root, speed, horizon, &self.settings.lattice, store) {
+                path.terms.lane_change = weights.lane_change * lane.lane_changes_to_go as f64;
+                if let Some(committed) = committed {
+                    path.terms.switching = weights.switching
+                        * distance_between(&committed.trajectory.path, start.point.station, &path.path);
+                }
+                all.push(path);
+            }
+        }
+        all.sort_by(|a, b| a.terms.total().total_cmp(&b.terms.total()));
+        all
+    }
+
+    fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
+        let p = &start.point;
+        let allowance = allowance_at(world, p);
+        let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
+        let kept = self.committed.as_ref().filter(|_| start.on_plan).and_then(|c| rest_of_edge(&c.trajectory, p));
+        let kept = kept.map(|spiral| {
+            let end = spiral.point_at(&p.pose, spiral.length);
+            Root { pose: end.pose, curvature: end.curvature, kept: vec![spiral], start: p.pose, allowance }
+        });
+        kept.into_iter().chain([fresh]).collect()
+    }
+
+    fn evaluate_all(
+        &self,
+        start: &Start,
+        lane: usize,
+        rung: Rung,
+        found: Vec<LatticePath>,
+        best: &mut Option<Choice>,
+        record: &mut CycleRecord,
+    ) {
+        let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
+        let situation = self.situation(start, on, rung);
+        let free = situation.free_progress();
+        for path in found {
+            let mut note =
+                Candidate { path: path.path.clone(), cost: path.terms.total(), terms: path.terms, rejected: None };
+            if best.as_ref().is_some_and(|b| b.cost <= note.cost) {
+                note.rejected = Some("dearer");
+            } else {
+                match situation.evaluate(&path) {
+                    Evaluation::Rejected { code, expansions } => {
+                        record.expansions += expansions;
+                        note.rejected = Some(code);
+                    }
+                    Evaluation::Proven(proven) => {
+                        record.expansions += proven.plan.expansions;
+                        let progress = proven.searched.at(DELAY_HORIZON).station;
+                        note.terms.delay = self.settings.lattice.weights.delay * (free - progress).max(0.0);
+                        note.cost = note.terms.total();
+                        if best.as_ref().is_none_or(|b| note.cost < b.cost) {
+                            *best = Some(Choice {
+                                lane,
+                                candidate: record.candidates.len(),
+                                path,
+                                proven,
+                                deceleration: rung.deceleration,
+                                cost: note.cost,
+                            });
+                        } else {
+                            note.rejected = Some("dearer");
+                        }
+                    }
+                }
+            }
+            record.candidates.push(note);
+        }
+    }
+
+    fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, rung: Rung) -> Situation<'s> {
+        Situation {
+            vehicle: self.vehicle,
+            settings: self.settings,
+            world: &self.worlds[rung.world],
+            reference: &lane.reference,
+            goal: lane.goal,
+            station: lane.reference.project(start.point.pose.position).s,
+            time: start.point.time,
+            speed: start.point.speed,
+            cruise: self.cruise,
+            horizon: self.horizon,
+            proof_deceleration: rung.deceleration,
+            no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
+            with_gap: rung.with_gap,
+        }
+    }
+
+    /// The choice's profile made jerk-limited, if it can be proved again; the searched one otherwise.
+    fn smoothed(&self, start: &Start, choice: &Choice) -> SpeedProfile {
+        let Proven { problem, searched, .. } = &*choice.proven;
+        let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
+        smoothing::smooth(problem, searched, start.point.acceleration, &settings)
+            .filter(|profile| prove(problem, profile).is_ok())
+            .unwrap_or_else(|| searched.clone())
+    }
+
+    /// Whether the committed plan is in its final approach and the new one would not get farther: then it goes on as it
+    /// is, so that a stop is not re-planned centimetre by centimetre.
+    fn is_settled(&self, start: &Start, choice: &Choice) -> bool {
+        let Some(committed) = self.committed.as_ref().filter(|_| start.on_plan) else { return false };
+        let rest = committed.trajectory.profile.last().station - start.point.station;
+        let gain = choice.proven.searched.last().station - rest;
+        rest < FINAL_APPROACH && gain < WORTH_MOVING
+    }
+
+    /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
+    fn emergency_stop(&self, start: &Start) -> Committed {
+        let p = &start.point;
+        let deceleration = self.settings.emergency_decelerations.last().copied().unwrap_or(8.0);
+        let bound = self.vehicle.max_curvature();
+        let k = p.curvature.clamp(-bound, bound);
+        let length = p.speed * p.speed / (2.0 * deceleration) + 1.0;
+        let spiral = CubicSpiral { knots: [k; 4], length };
+        let knot = |time, station, speed, acceleration| crate::trajectory::SpeedKnot {
+            time,
+            station,
+            speed,
+            acceleration,
+            jerk: 0.0,
+        };
+        let mut knots = vec![knot(0.0, 0.0, p.speed, 0.0)];
+        if p.speed > 0.0 {
+            knots[0].acceleration = -deceleration;
+            knots.push(knot(p.speed / deceleration, length - 1.0, 0.0, 0.0));
+        }
+        let straight = CubicSpiral { knots: [0.0; 4], length };
+        let path = Path::new(p.pose, &[spiral]).or_else(|| Path::new(p.pose, &[straight]));
+        let trajectory =
+            path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
+        match (trajectory, &self.committed) {
+            (Some(trajectory), _) => Committed { trajectory, deceleration },
+            (None, Some(committed)) => committed.clone(),
+            (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
+        }
+    }
+}
+
+/// Margin of the collision world without margins: what tracking needs at the least.
+const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.05, longitudinal: 0.05 };
+/// How far beyond the run's end predictions are looked at, s.
+const PREDICTION_BEYOND_END: f64 = 15.0;
+/// Share of the vehicle's curvature that paths may use; the rest is the tracking controller's.
+const CURVATURE_SHARE: f64 = 0.95;
+/// Lateral distance from a reference line within which the vehicle is on that lane, m.
+const ON_LANE: f64 = 0.8;
+/// Distance to rest within which a stop counts as the final approach, m.
+const FINAL_APPROACH: f64 = 4.0;
+/// Less progress than this is not worth leaving the final approach for, m.
+const WORTH_MOVING: f64 = 1.0;
+
+/// What the collision check overlooks for a vehicle that stands inside a margin or partly off the road.
+fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
+    /// Way given to leave a margin, m.
+    const LEAVE_MARGIN: f64 = 6.0;
+    /// Way given to return to the road, m.
+    const RETURN_TO_ROAD: f64 = 15.0;
+    let here = world.sweep(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
+    if world.static_hit(&here).is_none() {
+        return Allowance::NONE;
+    }
+    let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);
+    Allowance {
+        no_margins_until: LEAVE_MARGIN,
+        no_road_until: if off_road { RETURN_TO_ROAD } else { f64::NEG_INFINITY },
+    }
+}
+
+/// The rest of the edge of the committed path that the vehicle is on, if it is long enough to be worth keeping.
+fn rest_of_edge(trajectory: &Trajectory, p: &TrajectoryPoint) -> Option<CubicSpiral> {
+    /// Shorter rests are left to the fresh root, m.
+    const WORTH_KEEPING: f64 = 1.0;
+    let (station, _, spiral) = trajectory.path.pieces().take_while(|(s, ..)| *s <= p.station).last()?;
+    let from = p.station - station;
+    (spiral.length - from > WORTH_KEEPING).then(|| spiral.part(from, spiral.length))
+}
+
+/// Mean lateral distance between a candidate and the committed path at some distances ahead, m.
+fn distance_between(committed: &Path, station: f64, candidate: &Path) -> f64 {
+    const AHEAD: [f64; 4] = [5.0, 10.0, 20.0, 30.0];
+    let compared = AHEAD.iter().filter(|d| station + **d <= committed.length() && **d <= candidate.length());
+    let distances: Vec<f64> = compared
+        .map(|d| {
+            let (a, b) = (committed.at(station + d).pose, candidate.at(*d).pose);
+            a.to_local(b.position).y.abs() + wrap_angle(a.yaw - b.yaw).abs()
+        })
+        .collect();
+    if distances.is_empty() { 0.0 } else { distances.iter().sum::<f64>() / distances.len() as f64 }
+}
+
+/// What a cycle collects on its way.
+#[derive(Default)]
+struct CycleRecord {
+    candidates: Vec<Candidate>,
+    chosen: Option<usize>,
+    expansions: usize,
+    reference: Vec<crate::geometry::Point>,
+    seconds: StageSeconds,
 }

@@ -1,6 +1,56 @@
 //! The physics rig: a rapier world in which the vehicle follows trajectories with mass, tyres and slow actuators.
+//!
+//! The world is seen from above, without gravity. The chassis is one rigid body with the vehicle's mass and yaw inertia
+//! and the footprint as its collider; four tyres push it (`tyre`, `chassis`), turned, driven and braked by actuators with
+//! lag and limits (`actuators`), which a tracking controller commands (`controller`). Obstacles are colliders: fixed ones,
+//! moving ones on their predicted trajectories, set-based ones as regions for their interval. Nothing pushes back: the
+//! first touch is logged and ends the run.
+//!
+//! Every number comes out the same for the same input: fixed steps, no threads, rapier's `enhanced-determinism`.
+//! The physics has its origin at the start of the run; logs are in world coordinates.
+
+mod actuators;
+mod chassis;
+mod controller;
+mod convert;
+mod obstacles;
+mod physics;
+mod settings;
+mod tyre;
+mod world;
+
+pub use actuators::Command;
+pub use chassis::GRAVITY;
+pub use settings::Settings;
+pub use world::World;
 
 use crate::geometry::Pose;
+
+/// Why a run cannot start.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SimulationError {
+    /// A setting out of its range.
+    #[error("simulation setting `{name}`: {value}; expected {expected}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// The initial state has a number that is not finite.
+    #[error("the vehicle's initial state is not finite: {0}")]
+    InitialState(String),
+    /// An obstacle has a number that is not finite, or no shape.
+    #[error("obstacle {id}: {message}")]
+    Obstacle {
+        /// The obstacle's id.
+        id: i64,
+        /// What is wrong.
+        message: &'static str,
+    },
+}
 
 /// What the rig measured at one instant. Logged at a fixed rate of at least 100 Hz.
 #[derive(Debug, Clone, Copy, PartialEq)]

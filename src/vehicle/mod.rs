@@ -3,7 +3,9 @@
 //! Inside the program a vehicle's pose is at the **centre of the rear axle**; [`Vehicle::centre_of_rear_axle`] and
 //! [`Vehicle::rear_axle_of_centre`] convert to and from the centre that CommonRoad files use.
 
+mod dynamics;
 mod read;
+mod urdf;
 
 pub use read::{VehicleError, builtin_names, load};
 

@@ -20,6 +20,9 @@ const SUBSTEP: f64 = 0.02;
 /// Share of each limit that is used, so that rounding in the file does not cross it.
 const MARGIN: f64 = 0.999;
 
+/// Share of the friction circle that steering may ask for.
+const LATERAL_SHARE: f64 = 0.95;
+
 pub(super) struct Model {
     wheelbase: f64,
     rear_axle_to_centre: f64,
@@ -105,16 +108,20 @@ impl Model {
     }
 
     /// Limits of the inputs in a state: steering angle and rate; drive, top speed and standstill; friction circle.
-    /// Zero is always inside.
+    /// Where the steering is too sharp for the speed, the limits ask for less.
     pub(super) fn bounds(&self, z: &Vector5<f64>, u: &Vector2<f64>) -> (Vector2<f64>, Vector2<f64>) {
-        let lowest = ((-self.steering - z[DELTA]) / self.dt).clamp(-self.steering_rate, 0.0);
-        let highest = ((self.steering - z[DELTA]) / self.dt).clamp(0.0, self.steering_rate);
+        // Limits that shrink with speed have to hold at the end of the step too.
+        let fastest = z[V].abs().max(z[V] + u[1].clamp(0.0, self.acceleration) * self.dt);
+        // Beyond this angle the lateral acceleration alone leaves the friction circle.
+        let sharpest = (LATERAL_SHARE * self.acceleration * self.wheelbase / fastest.powi(2)).atan().min(self.steering);
+        let lowest = ((-sharpest - z[DELTA]) / self.dt).clamp(-self.steering_rate, self.steering_rate);
+        let highest = ((sharpest - z[DELTA]) / self.dt).clamp(-self.steering_rate, self.steering_rate);
         let lateral = z[V] * self.yaw_rate(z);
         let circle = (self.acceleration.powi(2) - lateral.powi(2)).max(0.0).sqrt();
-        // Above the switching speed the drive's power is the limit; it has to hold at the end of the step too.
-        let fastest = z[V].abs().max(z[V] + u[1].max(0.0) * self.dt);
+        // Above the switching speed the drive's power is the limit.
         let drive = self.acceleration * (self.switching_speed / fastest.max(self.switching_speed));
-        let most = circle.min(drive).min(((self.speed - z[V]) / self.dt).max(0.0));
+        let slippery = (self.acceleration * self.wheelbase / z[DELTA].tan().abs()).sqrt();
+        let most = circle.min(drive).min(((self.speed.min(slippery) - z[V]) / self.dt).max(0.0));
         let least = (-circle).max((-z[V] / self.dt).min(0.0));
         (Vector2::new(lowest, least), Vector2::new(highest, most))
     }

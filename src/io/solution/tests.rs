@@ -122,6 +122,8 @@ fn follows(vehicle: &Vehicle, a: &KinematicState, b: &KinematicState, dt: f64) {
     let (rate, acceleration) = ((b.steering - a.steering) / dt, (b.speed - a.speed) / dt);
     assert!(rate.abs() <= 0.4, "steering rate {rate}");
     assert!(acceleration.abs() <= 11.5, "acceleration {acceleration}");
+    let lateral = a.speed.powi(2) * a.steering.tan() / vehicle.wheelbase;
+    assert!(lateral.hypot(acceleration) <= 11.5, "friction circle: {lateral}, {acceleration}");
     assert!(b.steering.abs() <= 1.066 && b.speed >= -1e-12, "{b:?}");
     let mut rear = vehicle.rear_axle_of_centre(&a.centre);
     for i in 0..N {
@@ -208,6 +210,16 @@ fn a_log_no_car_can_follow_still_gives_a_feasible_trajectory() {
     }
     let fit = fit(&s, &s.problems[0], &vehicle, &log, 30);
     assert!(fit.max_deviation_m > 10.0);
+    for w in fit.states.windows(2) {
+        follows(&vehicle, &w[0], &w[1], 0.1);
+    }
+}
+
+#[test]
+fn steering_beyond_the_friction_circle_is_not_copied() {
+    let (vehicle, s) = (bmw(), scenario(Pose::new(0.0, 0.0, 0.0), 35.0, 0.1));
+    let log = driven(&vehicle, Pose::new(0.0, 0.0, 0.0), 35.0, 4.0, |t, _| (0.06 * (1.2 * t).sin(), 0.0));
+    let fit = fit(&s, &s.problems[0], &vehicle, &log, 40);
     for w in fit.states.windows(2) {
         follows(&vehicle, &w[0], &w[1], 0.1);
     }

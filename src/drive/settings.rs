@@ -1,0 +1,162 @@
+//! What a user may set about a run, as read from `--config FILE.toml`.
+
+use crate::{planner, simulation};
+
+/// Settings of a run. Every field has a default; unknown keys are refused.
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// The planner.
+    pub planner: planner::Settings,
+    /// The physics rig.
+    pub simulation: simulation::Settings,
+    /// The closed loop.
+    pub run: RunSettings,
+}
+
+/// Settings of the closed loop.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RunSettings {
+    /// Time between planning cycles, s.
+    pub replan_interval: f64,
+    /// Longest run, s, whatever the goal's time window says.
+    pub longest: f64,
+    /// Time at rest, with nothing moving any more, after which a run has ended, s.
+    pub rest: f64,
+}
+
+impl Default for RunSettings {
+    fn default() -> Self {
+        Self { replan_interval: 0.1, longest: 120.0, rest: 2.0 }
+    }
+}
+
+/// A setting that is out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("setting `{field}` is {value}, it must be {expected}")]
+pub struct SettingsError {
+    /// Name of the setting, with its table.
+    pub field: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What it should be.
+    pub expected: &'static str,
+}
+
+impl Settings {
+    /// Checks every value's range.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        let p = &self.planner;
+        let l = &p.lattice;
+        let positive: [(&'static str, f64); 17] = [
+            ("run.replan_interval", self.run.replan_interval),
+            ("run.longest", self.run.longest),
+            ("run.rest", self.run.rest),
+            ("planner.cruise_speed", p.cruise_speed),
+            ("planner.shortest_horizon", p.shortest_horizon),
+            ("planner.longest_horizon", p.longest_horizon),
+            ("planner.lateral_share", p.lateral_share),
+            ("planner.stopping_share", p.stopping_share),
+            ("planner.restart_lateral", p.restart_lateral),
+            ("planner.restart_longitudinal", p.restart_longitudinal),
+            ("planner.jerk", p.jerk),
+            ("planner.lattice.grid", l.grid),
+            ("planner.lattice.shortest_edge", l.shortest_edge),
+            ("planner.lattice.edge_time", l.edge_time),
+            ("planner.lattice.longest_edge", l.longest_edge),
+            ("planner.lattice.offset_spacing", l.offset_spacing),
+            ("planner.lattice.steepest", l.steepest),
+        ];
+        for (field, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(SettingsError { field, value, expected: "positive and finite" });
+            }
+        }
+        let not_negative = [
+            ("planner.standoff", p.standoff),
+            ("planner.time_gap", p.time_gap),
+            ("planner.lattice.offset_limit", l.offset_limit),
+        ];
+        for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(SettingsError { field, value, expected: "zero or more, and finite" });
+            }
+        }
+        if l.longest_edge < l.shortest_edge {
+            let expected = "at least planner.lattice.shortest_edge";
+            return Err(SettingsError { field: "planner.lattice.longest_edge", value: l.longest_edge, expected });
+        }
+        if p.longest_horizon < p.shortest_horizon {
+            let expected = "at least planner.shortest_horizon";
+            return Err(SettingsError { field: "planner.longest_horizon", value: p.longest_horizon, expected });
+        }
+        self.bounded_work()
+    }
+
+    /// Settings that would make a run endless or fill the memory.
+    fn bounded_work(&self) -> Result<(), SettingsError> {
+        let l = &self.planner.lattice;
+        let counts = [
+            (
+                "planner.lattice.offset_limit",
+                l.offset_limit / l.offset_spacing,
+                "at most 100 times offset_spacing",
+                100.0,
+            ),
+            ("planner.lattice.layers", l.layers as f64, "1 to 20", 20.0),
+            ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1000.0),
+            ("planner.expansions", self.planner.expansions as f64, "1 to 10000000", 1e7),
+            ("planner.longest_horizon", self.planner.longest_horizon, "at most 1000 m", 1000.0),
+            ("run.longest", self.run.longest, "at most 3600 s", 3600.0),
+        ];
+        for (field, value, expected, most) in counts {
+            if value > most || (value < 1.0 && field != "planner.lattice.offset_limit") {
+                return Err(SettingsError { field, value, expected });
+            }
+        }
+        if self.run.replan_interval < 0.01 || self.run.replan_interval > 1.0 {
+            let value = self.run.replan_interval;
+            return Err(SettingsError { field: "run.replan_interval", value, expected: "0.01 to 1 s" });
+        }
+        if let Some(&value) = self.planner.emergency_decelerations.iter().find(|d| !(d.is_finite() && **d > 0.0)) {
+            return Err(SettingsError {
+                field: "planner.emergency_decelerations",
+                value,
+                expected: "positive and finite",
+            });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_valid_and_one_wrong_value_is_named() {
+        assert_eq!(Settings::default().validate(), Ok(()));
+        let mut wrong = Settings::default();
+        wrong.planner.lattice.grid = 0.0;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.lattice.grid");
+        let mut wrong = Settings::default();
+        wrong.planner.jerk = f64::NAN;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.jerk");
+        let mut wrong = Settings::default();
+        wrong.planner.lattice.weights.offset = -1.0;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.lattice.weights.offset");
+        let mut wrong = Settings::default();
+        wrong.run.replan_interval = 1e-9;
+        assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
+    }
+
+    #[test]
+    fn unknown_keys_are_refused() {
+        let error = toml::from_str::<Settings>("[planner]\ncruise_sped = 3.0").unwrap_err();
+        assert!(error.to_string().contains("cruise_sped"), "{error}");
+    }
+}

@@ -1,0 +1,110 @@
+//! What a path costs, term by term. All terms are additive along the path, in the same unit: metres of detour.
+
+/// Weights of the cost terms.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Weights {
+    /// Per metre of way and square metre of offset from the reference line.
+    pub offset: f64,
+    /// Per 1/m of bending energy ∫κ² ds.
+    pub bending: f64,
+    /// Per metre of way at zero clearance; falls with the square to nothing at `clearance_wanted`.
+    pub clearance: f64,
+    /// Clearance that costs nothing, m.
+    pub clearance_wanted: f64,
+    /// Per metre of way and metre by which the footprint leaves its lane.
+    pub lane: f64,
+    /// Per metre missing to the horizon where the way is blocked.
+    pub missing: f64,
+    /// Per metre of lateral distance to the committed path.
+    pub switching: f64,
+    /// Per lane change still needed to stay on the route.
+    pub lane_change: f64,
+    /// Per metre that the speed layer falls behind free driving.
+    pub delay: f64,
+}
+
+impl Weights {
+    /// Every weight with its name in the settings.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f64); 9] {
+        [
+            ("planner.lattice.weights.offset", self.offset),
+            ("planner.lattice.weights.bending", self.bending),
+            ("planner.lattice.weights.clearance", self.clearance),
+            ("planner.lattice.weights.clearance_wanted", self.clearance_wanted),
+            ("planner.lattice.weights.lane", self.lane),
+            ("planner.lattice.weights.missing", self.missing),
+            ("planner.lattice.weights.switching", self.switching),
+            ("planner.lattice.weights.lane_change", self.lane_change),
+            ("planner.lattice.weights.delay", self.delay),
+        ]
+    }
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self {
+            offset: 0.05,
+            bending: 40.0,
+            clearance: 0.3,
+            clearance_wanted: 0.8,
+            lane: 0.15,
+            missing: 0.6,
+            switching: 1.5,
+            lane_change: 12.0,
+            delay: 1.0,
+        }
+    }
+}
+
+/// The cost of a path by term.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+pub struct CostTerms {
+    /// Distance from the reference line.
+    pub offset: f64,
+    /// Bending energy.
+    pub bending: f64,
+    /// Closeness to static obstacles and the road's edge.
+    pub clearance: f64,
+    /// Leaving the lane.
+    pub lane: f64,
+    /// Way missing to the horizon.
+    pub missing: f64,
+    /// Leaving the committed path.
+    pub switching: f64,
+    /// Lane changes to go.
+    pub lane_change: f64,
+    /// Falling behind free driving.
+    pub delay: f64,
+}
+
+impl CostTerms {
+    /// The sum of all terms.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.offset
+            + self.bending
+            + self.clearance
+            + self.lane
+            + self.missing
+            + self.switching
+            + self.lane_change
+            + self.delay
+    }
+
+    /// Term by term sum.
+    #[must_use]
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            offset: self.offset + other.offset,
+            bending: self.bending + other.bending,
+            clearance: self.clearance + other.clearance,
+            lane: self.lane + other.lane,
+            missing: self.missing + other.missing,
+            switching: self.switching + other.switching,
+            lane_change: self.lane_change + other.lane_change,
+            delay: self.delay + other.delay,
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! Spiral edges with their collision check and cost, and the store that keeps those between lattice nodes.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::cost::CostTerms;
+use super::{Ground, Root, Settings};
+use crate::collision::{Allowance, Blocker, Sweep};
+use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
+use crate::geometry::{Pose, wrap_angle};
+use crate::reference::Frenet;
+
+/// An edge of the lattice.
+#[derive(Debug, Clone)]
+pub struct Edge {
+    /// Index of the offset it starts at; `None` from the root.
+    pub from: Option<usize>,
+    /// Index of the offset it ends at.
+    pub to: usize,
+    /// Offset it ends at, m.
+    pub end_offset: f64,
+    /// The curve.
+    pub spiral: CubicSpiral,
+    /// Its swept footprint (of the kept part too, for an edge from the root).
+    pub sweep: Arc<Sweep>,
+    /// How far the rear axle may come on it, m.
+    pub free_length: f64,
+    /// What ends it before its length.
+    pub blocked_by: Option<Blocker>,
+    /// Its cost.
+    pub terms: CostTerms,
+}
+
+/// Station index from, station index to.
+type LayerPair = (i64, i64);
+
+/// Keeps the edges between lattice nodes from cycle to cycle: they depend on the reference line and the static world
+/// only. A store belongs to one reference line, one static world and one set of settings.
+#[derive(Debug, Clone, Default)]
+pub struct EdgeStore {
+    layers: HashMap<LayerPair, Vec<Arc<Edge>>>,
+}
+
+impl EdgeStore {
+    /// All edges between two layers, in a fixed order.
+    pub(super) fn between(
+        &mut self,
+        ground: &Ground<'_>,
+        from: i64,
+        to: i64,
+        offsets: &[f64],
+        settings: &Settings,
+    ) -> &[Arc<Edge>] {
+        self.layers.entry((from, to)).or_insert_with(|| {
+            let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
+            let pairs: Vec<(usize, usize)> = (0..offsets.len())
+                .flat_map(|i| (0..offsets.len()).map(move |j| (i, j)))
+                .filter(|&(i, j)| (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
+                .collect();
+            pairs
+                .par_iter()
+                .filter_map(|&(i, j)| {
+                    let start = ground.reference.offset_pose(s0, offsets[i])?;
+                    let end = ground.reference.offset_pose(s1, offsets[j])?;
+                    let spiral = bounded(&start.pose, start.curvature, &end, ground.max_curvature)?;
+                    let start = start.pose;
+                    let placed = Placed { start, spiral, kept: &[], path_start: start, allowance: Allowance::NONE };
+                    Some(Arc::new(placed.checked(ground, Some(i), j, offsets[j], settings)))
+                })
+                .collect()
+        })
+    }
+}
+
+/// Edges from the root to every offset of the first layer.
+pub(super) fn from_root(
+    ground: &Ground<'_>,
+    root: &Root,
+    station: i64,
+    offsets: &[f64],
+    settings: &Settings,
+) -> Vec<Edge> {
+    let station = station as f64 * settings.grid;
+    (0..offsets.len())
+        .into_par_iter()
+        .filter_map(|j| {
+            let end = ground.reference.offset_pose(station, offsets[j])?;
+            let spiral = bounded(&root.pose, root.curvature, &end, ground.max_curvature)?;
+            let placed = Placed {
+                start: root.pose,
+                spiral,
+                kept: &root.kept,
+                path_start: root.start,
+                allowance: root.allowance,
+            };
+            Some(placed.checked(ground, None, j, offsets[j], settings))
+        })
+        .collect()
+}
+
+/// The spiral from a pose to a node, if there is one whose curvature stays within the bound everywhere.
+fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral> {
+    let local = Pose { position: start.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - start.yaw) };
+    let spiral = connect(start_curvature, &local, end.curvature).ok()?;
+    let bound = max_curvature.max(start_curvature.abs());
+    let winds = spiral.length > LONGEST_DETOUR * local.position.coords.norm();
+    (spiral.max_abs_curvature() <= bound * (1.0 + 1e-9) && !winds).then_some(spiral)
+}
+
+/// A spiral this many times longer than its chord winds: not an edge.
+const LONGEST_DETOUR: f64 = 1.5;
+
+/// A spiral in its place.
+struct Placed<'a> {
+    start: Pose,
+    spiral: CubicSpiral,
+    kept: &'a [CubicSpiral],
+    path_start: Pose,
+    allowance: Allowance,
+}
+
+impl Placed<'_> {
+    fn checked(
+        self,
+        ground: &Ground<'_>,
+        from: Option<usize>,
+        to: usize,
+        end_offset: f64,
+        settings: &Settings,
+    ) -> Edge {
+        let kept_length: f64 = self.kept.iter().map(|s| s.length).sum();
+        let sweep = if self.kept.is_empty() {
+            ground.world.sweep(&self.start, &self.spiral)
+        } else {
+            let spirals: Vec<_> = self.kept.iter().copied().chain([self.spiral]).collect();
+            match crate::trajectory::Path::new(self.path_start, &spirals) {
+                Some(path) => ground.world.sweep_path(&path),
+                None => ground.world.sweep(&self.start, &self.spiral),
+            }
+        };
+        let hit = ground.world.static_hit_from_start(&sweep, &self.allowance);
+        let free_length = hit.map_or(self.spiral.length, |h| h.station - kept_length);
+        let terms = self.terms(ground, &sweep, settings);
+        Edge {
+            from,
+            to,
+            end_offset,
+            spiral: self.spiral,
+            sweep: Arc::new(sweep),
+            free_length,
+            blocked_by: hit.map(|h| h.what),
+            terms,
+        }
+    }
+
+    fn terms(&self, ground: &Ground<'_>, sweep: &Sweep, settings: &Settings) -> CostTerms {
+        /// Samples along an edge for the costs by offset.
+        const SAMPLES: usize = 6;
+        let w = &settings.weights;
+        let mut terms = CostTerms { bending: w.bending * self.spiral.bending_energy(), ..CostTerms::default() };
+        let way = self.spiral.length / SAMPLES as f64;
+        for (_, point) in self.spiral.samples(&self.start, SAMPLES).skip(1) {
+            let Frenet { s, l } = ground.reference.project(point.pose.position);
+            terms.offset += w.offset * way * l * l;
+            let (left, right) = ground.reference.lane_bounds(s);
+            let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);
+            terms.lane += w.lane * way * over;
+        }
+        let clearance = ground.world.clearance(sweep, w.clearance_wanted);
+        let near = 1.0 - clearance.obstacle.min(clearance.road + ROAD_IS_KINDER) / w.clearance_wanted;
+        terms.clearance = w.clearance * self.spiral.length * near.max(0.0).powi(2);
+        terms
+    }
+}
+
+/// The road's edge costs like an obstacle that is this much farther away (m): lanes are narrow by design.
+const ROAD_IS_KINDER: f64 = 0.5;

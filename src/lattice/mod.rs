@@ -1,0 +1,306 @@
+//! The conformal lattice: spiral edges between nodes at stations × lateral offsets of a reference line.
+//!
+//! Nodes lie at fixed stations of the reference line (multiples of [`Settings::grid`]), so that consecutive cycles share
+//! their nodes, edges and collision checks; heading and curvature of a node are those of the reference line at its
+//! offset, κ_l = κ/(1 − κ l) (McNaughton et al. 2011). Only the first edges, from where the vehicle is, are new in every
+//! cycle. The cheapest chain of free edges to each end node comes out of dynamic programming over the layers; where
+//! the way is blocked, chains end in front of what blocks them.
+//!
+//! Weak spots: one heading and curvature per node; edges that the vehicle could only just drive may be missed.
+
+mod cost;
+mod edges;
+
+pub use cost::{CostTerms, Weights};
+pub use edges::{Edge, EdgeStore};
+
+use std::sync::Arc;
+
+use crate::collision::{Allowance, Blocker, CollisionWorld, Sweep};
+use crate::geometry::Pose;
+use crate::geometry::spiral::CubicSpiral;
+use crate::reference::ReferenceLine;
+use crate::trajectory::Path;
+
+/// Shape of the lattice.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Stations of nodes are multiples of this, m.
+    pub grid: f64,
+    /// Shortest first edge, m.
+    pub shortest_edge: f64,
+    /// Time that the first edge should last at the present speed, s.
+    pub edge_time: f64,
+    /// Longest edge, m.
+    pub longest_edge: f64,
+    /// Largest number of layers.
+    pub layers: usize,
+    /// Spacing of lateral offsets, m.
+    pub offset_spacing: f64,
+    /// Largest lateral offset on either side, m.
+    pub offset_limit: f64,
+    /// Steepest edge: lateral by longitudinal distance.
+    pub steepest: f64,
+    /// Number of candidate paths handed to the speed layer.
+    pub candidates: usize,
+    /// Weights of the cost terms.
+    pub weights: Weights,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            grid: 5.0,
+            shortest_edge: 8.0,
+            edge_time: 1.6,
+            longest_edge: 40.0,
+            layers: 6,
+            offset_spacing: 0.5,
+            offset_limit: 4.0,
+            steepest: 0.35,
+            candidates: 12,
+            weights: Weights::default(),
+        }
+    }
+}
+
+/// Where chains start: the vehicle, or the end of the part of the committed path that is kept.
+#[derive(Debug, Clone)]
+pub struct Root {
+    /// Rear-axle pose at the start.
+    pub pose: Pose,
+    /// Curvature there, 1/m.
+    pub curvature: f64,
+    /// Part of the committed path that is driven before, starting at the vehicle. Empty if the chain starts there.
+    pub kept: Vec<CubicSpiral>,
+    /// Pose at which the whole chain starts.
+    pub start: Pose,
+    /// What the collision check overlooks near the start.
+    pub allowance: Allowance,
+}
+
+/// A path through the lattice with its swept footprint.
+#[derive(Debug, Clone)]
+pub struct LatticePath {
+    /// The path, from the vehicle on.
+    pub path: Path,
+    /// Swept footprints of its edges, in order.
+    pub sweeps: Vec<Arc<Sweep>>,
+    /// How far the rear axle may come on it, m.
+    pub free_length: f64,
+    /// What ends it, if it ends before its length.
+    pub blocked_by: Option<Blocker>,
+    /// Cost by term.
+    pub terms: CostTerms,
+    /// Lateral offset that it ends at, m.
+    pub end_offset: f64,
+    /// Offset of its first node, m.
+    pub first_offset: f64,
+}
+
+/// What the lattice is built on.
+#[derive(Clone, Copy)]
+pub struct Ground<'a> {
+    /// The reference line.
+    pub reference: &'a ReferenceLine,
+    /// What is in the way.
+    pub world: &'a CollisionWorld,
+    /// Largest curvature that edges may have anywhere, 1/m.
+    pub max_curvature: f64,
+    /// Half of the vehicle's width, m.
+    pub half_width: f64,
+}
+
+/// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most.
+#[must_use]
+pub fn paths(
+    ground: &Ground<'_>,
+    root: &Root,
+    speed: f64,
+    horizon: f64,
+    settings: &Settings,
+    store: &mut EdgeStore,
+) -> Vec<LatticePath> {
+    let stations = layer_stations(ground, root, speed, horizon, settings);
+    let Some(chains) = Chains::build(ground, root, &stations, settings, store) else { return Vec::new() };
+    chains.candidates(root, horizon, settings)
+}
+
+/// Station indices (multiples of the grid) of the layers ahead of the root.
+fn layer_stations(ground: &Ground<'_>, root: &Root, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
+    let here = ground.reference.project(root.pose.position).s;
+    let edge = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
+    // whole grid steps, at least one
+    let stride = (edge / settings.grid).round().max(1.0) * settings.grid;
+    let end = (here + horizon).min(ground.reference.length());
+    let mut layers = Vec::new();
+    #[allow(clippy::cast_possible_truncation)] // stations are far below 2⁵³ grid steps
+    let mut index = ((here + edge) / settings.grid).ceil() as i64;
+    #[allow(clippy::cast_possible_truncation)]
+    let stride = (stride / settings.grid) as i64;
+    while layers.len() < settings.layers && index as f64 * settings.grid <= end {
+        layers.push(index);
+        index += stride;
+    }
+    if layers.is_empty() {
+        // less than one edge of road left: the last grid station there is
+        #[allow(clippy::cast_possible_truncation)]
+        let last = (end / settings.grid).floor() as i64;
+        if last as f64 * settings.grid > here + 1.0 {
+            layers.push(last);
+        }
+    }
+    layers
+}
+
+/// Edges and the best way to reach each node, layer by layer.
+struct Chains {
+    /// All edges tried, with the label of the chain that leads to their start.
+    labels: Vec<Label>,
+    /// Labels that end a candidate: at the last layer or in front of something.
+    ends: Vec<usize>,
+}
+
+/// The best chain to the end of an edge.
+struct Label {
+    edge: Arc<Edge>,
+    before: Option<usize>,
+    terms: CostTerms,
+    /// Length from the root to the end of the free part of the edge, m.
+    free_length: f64,
+    first_offset: f64,
+}
+
+impl Chains {
+    fn build(
+        ground: &Ground<'_>,
+        root: &Root,
+        stations: &[i64],
+        settings: &Settings,
+        store: &mut EdgeStore,
+    ) -> Option<Self> {
+        let first = *stations.first()?;
+        let mut chains = Self { labels: Vec::new(), ends: Vec::new() };
+        let offsets = offsets(settings);
+        let first_edges = edges::from_root(ground, root, first, &offsets, settings);
+        let mut layer = chains.extend(first_edges.into_iter().map(|e| (None, Arc::new(e))), offsets.len());
+        for pair in stations.windows(2) {
+            let next = store.between(ground, pair[0], pair[1], &offsets, settings);
+            let reached: Vec<_> = layer.iter().flatten().copied().collect();
+            let mut tries = Vec::new();
+            for label in reached {
+                let from = chains.labels[label].edge.to;
+                tries.extend(next.iter().filter(|e| e.from == Some(from)).map(|e| (Some(label), Arc::clone(e))));
+            }
+            layer = chains.extend(tries.into_iter(), offsets.len());
+        }
+        chains.ends.extend(layer.iter().flatten());
+        Some(chains)
+    }
+
+    /// Adds edges behind their labels; returns the best free label at each offset of the layer reached.
+    fn extend(
+        &mut self,
+        edges: impl Iterator<Item = (Option<usize>, Arc<Edge>)>,
+        offsets: usize,
+    ) -> Vec<Option<usize>> {
+        let mut best: Vec<Option<usize>> = vec![None; offsets];
+        for (before, edge) in edges {
+            let label = self.label(before, edge);
+            let index = self.labels.len();
+            let (to, free) = (label.edge.to, label.edge.blocked_by.is_none());
+            if free {
+                let total = label.terms.total();
+                if best[to].is_none_or(|b| total < self.labels[b].terms.total()) {
+                    best[to] = Some(index);
+                }
+            } else {
+                self.ends.push(index);
+            }
+            self.labels.push(label);
+        }
+        best
+    }
+
+    fn label(&self, before: Option<usize>, edge: Arc<Edge>) -> Label {
+        match before {
+            None => {
+                Label { terms: edge.terms, free_length: edge.free_length, first_offset: edge.end_offset, before, edge }
+            }
+            Some(b) => {
+                let chain = &self.labels[b];
+                Label {
+                    terms: chain.terms.plus(&edge.terms),
+                    free_length: chain.free_length + edge.free_length,
+                    first_offset: chain.first_offset,
+                    before,
+                    edge,
+                }
+            }
+        }
+    }
+
+    /// The cheapest chain to each end offset and through each first offset, cheapest first; chains that end in front of
+    /// something pay for what they miss of the horizon.
+    fn candidates(mut self, root: &Root, horizon: f64, settings: &Settings) -> Vec<LatticePath> {
+        let kept: f64 = root.kept.iter().map(|s| s.length).sum();
+        for &end in &self.ends {
+            let label = &mut self.labels[end];
+            label.terms.missing = settings.weights.missing * (horizon - kept - label.free_length).max(0.0);
+        }
+        let labels = &self.labels;
+        self.ends.sort_by(|&a, &b| labels[a].terms.total().total_cmp(&labels[b].terms.total()).then(a.cmp(&b)));
+        let mut chosen: Vec<usize> = Vec::new();
+        for &end in &self.ends {
+            let key = |i: usize| (quantum(labels[i].first_offset), quantum(labels[i].edge.end_offset));
+            let seen = chosen.iter().any(|&c| key(c) == key(end));
+            let similar = chosen.iter().filter(|&&c| key(c).0 == key(end).0).count();
+            if !seen && similar < MOST_PER_FIRST_NODE {
+                chosen.push(end);
+            }
+            if chosen.len() == settings.candidates {
+                break;
+            }
+        }
+        chosen.into_iter().filter_map(|end| self.path(root, end)).collect()
+    }
+
+    fn path(&self, root: &Root, end: usize) -> Option<LatticePath> {
+        let mut chain = Vec::new();
+        let mut label = Some(end);
+        while let Some(l) = label {
+            chain.push(Arc::clone(&self.labels[l].edge));
+            label = self.labels[l].before;
+        }
+        chain.reverse();
+        let spirals: Vec<_> = root.kept.iter().copied().chain(chain.iter().map(|e| e.spiral)).collect();
+        let kept: f64 = root.kept.iter().map(|s| s.length).sum();
+        let last = &self.labels[end];
+        Some(LatticePath {
+            path: Path::new(root.start, &spirals)?,
+            sweeps: chain.iter().map(|e| Arc::clone(&e.sweep)).collect(),
+            free_length: kept + last.free_length,
+            blocked_by: last.edge.blocked_by,
+            terms: last.terms,
+            end_offset: last.edge.end_offset,
+            first_offset: last.first_offset,
+        })
+    }
+}
+
+/// How many candidates may share their first node, so that the speed layer sees different ways to start.
+const MOST_PER_FIRST_NODE: usize = 3;
+
+/// Offsets as whole centimetres, to compare them.
+#[allow(clippy::cast_possible_truncation)] // metres of lateral offset
+fn quantum(offset: f64) -> i64 {
+    (offset * 100.0).round() as i64
+}
+
+/// The lateral offsets of every layer, m, right to left.
+fn offsets(settings: &Settings) -> Vec<f64> {
+    #[allow(clippy::cast_possible_truncation)] // a few dozen
+    let count = (settings.offset_limit / settings.offset_spacing).floor() as i64;
+    (-count..=count).map(|i| i as f64 * settings.offset_spacing).collect()
+}

@@ -1,0 +1,226 @@
+//! One lattice path with the speed layer on it: bounds, blocked intervals, SafeTLP.
+
+use super::goal::GoalOnLane;
+use super::settings::Settings;
+use crate::collision::{Blocker, CollisionWorld};
+use crate::lattice::LatticePath;
+use crate::reference::ReferenceLine;
+use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
+use crate::speed::{
+    AccelerationLimits, Resolution, SpeedOutcome, SpeedPlan, SpeedProblem, TimeInterval, plan, smoothing,
+};
+use crate::trajectory::SpeedProfile;
+use crate::vehicle::Vehicle;
+
+/// What all candidates of a cycle on one lane share.
+pub(super) struct Situation<'a> {
+    pub(super) vehicle: &'a Vehicle,
+    pub(super) settings: &'a Settings,
+    pub(super) world: &'a CollisionWorld,
+    pub(super) reference: &'a ReferenceLine,
+    pub(super) goal: Option<GoalOnLane>,
+    /// Station of the start on the reference line, m.
+    pub(super) station: f64,
+    pub(super) time: f64,
+    pub(super) speed: f64,
+    /// Speed to drive at where nothing else limits it, m/s.
+    pub(super) cruise: f64,
+    /// Time after which nothing moves any more, s of the run.
+    pub(super) horizon: f64,
+    /// Largest deceleration of proofs, m/s².
+    pub(super) proof_deceleration: f64,
+    /// Stretches of the reference line on which resting is not allowed.
+    pub(super) no_rest: &'a [(f64, f64)],
+    /// Whether moving obstacles are given way with the time gap.
+    pub(super) with_gap: bool,
+}
+
+/// A candidate whose stop is proven.
+pub(super) struct Proven {
+    pub(super) problem: SpeedProblem,
+    pub(super) searched: SpeedProfile,
+    pub(super) plan: SpeedPlan,
+    /// Cells blocked on the path, for pictures.
+    pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
+}
+
+/// The speed layer's answer for one path.
+pub(super) enum Evaluation {
+    Proven(Box<Proven>),
+    Rejected { code: &'static str, expansions: usize },
+}
+
+impl Situation<'_> {
+    /// Searches the speed along a path.
+    pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
+        let Some((problem, blocked)) = self.speed_problem(path) else {
+            return Evaluation::Rejected { code: "no_room", expansions: 0 };
+        };
+        let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
+        match plan(&problem, &resolution) {
+            SpeedOutcome::NoSafePlan { expansions, budget_spent } => {
+                let code = if budget_spent { "no_proof_in_budget" } else { "no_proof" };
+                Evaluation::Rejected { code, expansions }
+            }
+            SpeedOutcome::Proven(plan) => match smoothing::unsmoothed(&problem, &plan) {
+                Some(searched) => Evaluation::Proven(Box::new(Proven { problem, searched, plan, blocked })),
+                None => Evaluation::Rejected { code: "no_profile", expansions: plan.expansions },
+            },
+        }
+    }
+
+    /// Where the plan must stop on the path at the latest, and whether a stop is planned there.
+    fn end_of_way(&self, path: &LatticePath) -> (f64, bool) {
+        let mut end = path.path.length();
+        let mut planned = false;
+        if let Some(blocker) = path.blocked_by {
+            end = path.free_length;
+            if matches!(blocker, Blocker::Obstacle(_)) {
+                end -= self.settings.standoff;
+                planned = true;
+            } else if self.road_ends_behind_goal(path) {
+                planned = true;
+            }
+        }
+        if let Some(goal) = self.goal.filter(GoalOnLane::is_stop) {
+            let to_goal = goal.stop_station() - self.station;
+            if to_goal < end {
+                (end, planned) = (to_goal, true);
+            }
+        }
+        (end.max(0.0), planned)
+    }
+
+    /// Whether what ends the path is the end of the known road, with nothing to reach beyond the vehicle's stop there.
+    fn road_ends_behind_goal(&self, path: &LatticePath) -> bool {
+        let at_end = self.station + path.free_length + self.vehicle.front_overhang_from_rear_axle() + 3.0;
+        self.goal.is_some_and(|g| g.far < self.station) && at_end >= self.reference.length()
+    }
+
+    #[allow(clippy::type_complexity)] // intervals of stations and times, as the record has them
+    fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
+        let (end, planned_stop) = self.end_of_way(path);
+        let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
+        let grid = self.world.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
+        let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - SHORTEST_CELL).collect();
+        if stations.is_empty() {
+            // no room at all: only a vehicle at rest has a plan here
+            stations.push(0.0);
+        }
+        if end > SHORTEST_CELL {
+            stations.push(end);
+        } else if self.speed > 0.0 {
+            return None;
+        }
+        let cells = stations.len() - 1;
+        let gap = if self.with_gap { self.settings.time_gap } else { 0.0 };
+        let blocked: Vec<Vec<TimeInterval>> = (0..cells)
+            .map(|cell| widened(grid.intervals(cell).iter().map(|b| (b.from, b.to)), gap, self.time))
+            .collect();
+        let blocked_at_start =
+            grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
+        let caps = self.caps(path, &stations, planned_stop);
+        let rest_allowed = stations.iter().map(|s| self.may_rest(self.station + s)).collect();
+        let problem = SpeedProblem {
+            caps,
+            blocked,
+            blocked_at_start,
+            rest_allowed,
+            start_speed: self.speed,
+            start_time: self.time,
+            horizon: self.horizon,
+            limits: AccelerationLimits {
+                acceleration: self.vehicle.comfort.acceleration,
+                deceleration: self.vehicle.comfort.deceleration,
+                aggressive_deceleration: self.proof_deceleration,
+            },
+            stations,
+        };
+        Some((problem, grid.blocked_cells().collect()))
+    }
+
+    fn may_rest(&self, reference_station: f64) -> bool {
+        !self.no_rest.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
+    }
+
+    /// Upper bounds at the nodes, by minimum: curvature and steering, rules, the goal's time window, the planned stop.
+    fn caps(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
+        let comfort = &self.vehicle.comfort;
+        let limits = SpeedLimits {
+            lateral_acceleration: self.settings.lateral_share * comfort.lateral_acceleration,
+            steering_rate: STEERING_SHARE * self.vehicle.limits.steering_rate,
+            wheelbase: self.vehicle.wheelbase,
+            top_speed: self.vehicle.limits.speed,
+        };
+        let mut caps: Vec<f64> = stations
+            .iter()
+            .map(|s| {
+                let ahead = self.station + s;
+                let rule = self.reference.speed_limit(ahead).unwrap_or(f64::INFINITY);
+                limits.at(&path.path.at(*s)).min(rule).min(self.cruise)
+            })
+            .collect();
+        if let Some(goal) = &self.goal {
+            let in_time = goal.speed_for_window(self.station, self.time).max(SLOWEST_APPROACH);
+            for (cap, s) in caps.iter_mut().zip(stations) {
+                if self.station + s <= goal.far {
+                    *cap = cap.min(in_time);
+                }
+                if (goal.near..=goal.far).contains(&(self.station + s)) && !goal.is_stop() {
+                    *cap = cap.min(goal.speed_limit);
+                }
+            }
+        }
+        if planned_stop {
+            let room = stations[stations.len() - 1];
+            let needed = self.speed * self.speed / (2.0 * room.max(SHORTEST_CELL));
+            let wanted = self.settings.stopping_share * comfort.deceleration;
+            let deceleration = wanted.max(needed * 1.02).min(self.proof_deceleration);
+            for (cap, braking) in caps.iter_mut().zip(braking_caps(stations, deceleration)) {
+                *cap = cap.min(braking);
+            }
+        }
+        make_reachable(stations, &mut caps, self.settings.stopping_share * comfort.deceleration);
+        caps
+    }
+
+    /// How far free driving gets within [`DELAY_HORIZON`], m.
+    pub(super) fn free_progress(&self) -> f64 {
+        let a = self.vehicle.comfort.acceleration;
+        let ramp = ((self.cruise - self.speed) / a).clamp(0.0, DELAY_HORIZON);
+        self.speed * ramp + 0.5 * a * ramp * ramp + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp)
+    }
+}
+
+/// How far ahead falling behind free driving is counted, s.
+pub(super) const DELAY_HORIZON: f64 = 6.0;
+/// Shorter cells than this are left out, m: shorter than any gap that matters.
+const SHORTEST_CELL: f64 = 0.02;
+/// Slowest approach to a goal whose time window is not open yet, m/s.
+const SLOWEST_APPROACH: f64 = 0.5;
+/// Share of the steering rate that plans may use; the rest is the tracking controller's.
+const STEERING_SHARE: f64 = 0.8;
+
+/// Intervals made longer by `gap` on both sides (not before `now`), merged where they meet.
+fn widened(intervals: impl Iterator<Item = TimeInterval>, gap: f64, now: f64) -> Vec<TimeInterval> {
+    let mut merged: Vec<TimeInterval> = Vec::new();
+    for (from, to) in intervals {
+        let (from, to) = (if from > now { (from - gap).max(now) } else { from }, to + gap);
+        match merged.last_mut() {
+            Some(last) if from <= last.1 => last.1 = last.1.max(to),
+            _ => merged.push((from, to)),
+        }
+    }
+    merged
+}
+
+#[cfg(test)]
+mod tests {
+    use super::widened;
+
+    #[test]
+    fn widened_intervals_merge_and_do_not_reach_into_the_past() {
+        let b = widened([(0.5, 1.0), (2.0, 2.5), (6.0, 7.0)].into_iter(), 0.6, 0.4);
+        assert_eq!(b, vec![(0.4, 3.1), (5.4, 7.6)]);
+    }
+}

@@ -1,0 +1,125 @@
+//! Lanes to consider: the corridors of the route, each with its reference line, goal and kept lattice edges.
+
+use super::goal::GoalOnLane;
+use crate::geometry::{Point, Pose};
+use crate::lattice::EdgeStore;
+use crate::map::{LaneletId, PlanningProblem, Scenario};
+use crate::reference::ReferenceLine;
+use crate::route::{self, LaneOption, RouteOutcome, RouteSettings, Side};
+use crate::vehicle::Vehicle;
+
+/// A lane that the planner may follow.
+pub(super) struct Lane {
+    pub(super) reference: ReferenceLine,
+    /// The lanelet that the line ends on.
+    last_lanelet: LaneletId,
+    /// The reference line sampled, for records.
+    pub(super) samples: Vec<Point>,
+    /// Whether the vehicle is on it when the route is planned.
+    pub(super) is_current: bool,
+    /// Price of being on it, in lane changes.
+    pub(super) lane_changes_to_go: u32,
+    pub(super) goal: Option<GoalOnLane>,
+    /// Stretches on which resting is not allowed, m.
+    pub(super) no_rest: Vec<(f64, f64)>,
+    /// Lattice edges kept from cycle to cycle, for each collision world.
+    pub(super) stores: [EdgeStore; 2],
+}
+
+/// Why there is no lane to drive on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoLane {
+    /// The start lies on no lane, nor near one.
+    StartOffRoad,
+    /// No lane graph path leads to the goal.
+    GoalUnreachable,
+    /// No reference line could be laid along the lanes found.
+    NoReference,
+}
+
+impl NoLane {
+    /// The stable code used in reports.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::StartOffRoad => "start_off_road",
+            Self::GoalUnreachable => "goal_unreachable",
+            Self::NoReference => "no_reference_line",
+        }
+    }
+}
+
+/// Lane types inside which a vehicle must not come to rest.
+const KEPT_FREE: [&str; 2] = ["intersection", "crosswalk"];
+
+/// Road looked at along the route, m.
+const LOOK_AHEAD: f64 = 350.0;
+
+impl Lane {
+    /// The lanes to consider from a pose of the vehicle's centre.
+    pub(super) fn all(
+        scenario: &Scenario,
+        problem: &PlanningProblem,
+        centre: &Pose,
+        vehicle: &Vehicle,
+    ) -> Result<Vec<Self>, NoLane> {
+        let route_settings = RouteSettings { look_ahead: LOOK_AHEAD, ..RouteSettings::default() };
+        let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings) {
+            RouteOutcome::Found(route) => route,
+            RouteOutcome::Unreachable(_) => return Err(NoLane::GoalUnreachable),
+            RouteOutcome::OffRoad => return Err(NoLane::StartOffRoad),
+        };
+        let goal_known = found.lanes.iter().any(|l| l.lane_changes_to_go.is_some());
+        let lanes: Vec<Self> = found
+            .lanes
+            .iter()
+            .filter(|option| !goal_known || option.lane_changes_to_go.is_some())
+            .filter_map(|option| Self::new(scenario, problem, vehicle, option))
+            .collect();
+        if lanes.is_empty() { Err(NoLane::NoReference) } else { Ok(lanes) }
+    }
+
+    /// Whether the network has road behind the end of this lane's reference line.
+    pub(super) fn goes_on(&self, scenario: &Scenario) -> bool {
+        scenario.network.lanelets.get(&self.last_lanelet).is_some_and(|l| !l.successors.is_empty())
+    }
+
+    fn new(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
+        let settings = crate::reference::ReferenceSettings::default();
+        let reference = ReferenceLine::new(&scenario.network, &option.lanelets, vehicle.width, &settings).ok()?;
+        let goal = problem.goals.iter().find_map(|g| GoalOnLane::find(g, &scenario.network, &reference, vehicle));
+        let is_current = option.side == Side::Current;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
+        let count = (reference.length() / 2.0) as usize;
+        Some(Self {
+            samples: (0..=count).map(|i| reference.at(2.0 * i as f64).pose.position).collect(),
+            no_rest: kept_free(scenario, &reference),
+            lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
+            stores: Default::default(),
+            last_lanelet: *option.lanelets.last()?,
+            is_current,
+            goal,
+            reference,
+        })
+    }
+}
+
+/// Stretches of the line inside lanelets in which resting is not allowed, for the vehicle's rear axle.
+fn kept_free(scenario: &Scenario, line: &ReferenceLine) -> Vec<(f64, f64)> {
+    /// Sampling of the line, m.
+    const STEP: f64 = 1.0;
+    let mut stretches: Vec<(f64, f64)> = Vec::new();
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
+    let samples = (line.length() / STEP) as usize;
+    for i in 0..=samples {
+        let station = i as f64 * STEP;
+        let lanelet = line.lanelet_at(station).and_then(|id| scenario.network.lanelets.get(&id));
+        if lanelet.is_some_and(|l| l.types.iter().any(|t| KEPT_FREE.contains(&t.as_str()))) {
+            match stretches.last_mut() {
+                Some(last) if station - last.1 <= 1.5 * STEP => last.1 = station,
+                _ => stretches.push((station, station)),
+            }
+        }
+    }
+    stretches
+}

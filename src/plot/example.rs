@@ -1,0 +1,322 @@
+//! A hand-made run for the tests of pictures and recordings: a two-lane road, a parked car to pass, a car in the other
+//! lane, a pedestrian, a stop line at the end.
+
+use std::collections::BTreeMap;
+
+use crate::drive::{Outcome, Run};
+use crate::geometry::polyline::Polyline;
+use crate::geometry::spiral::CubicSpiral;
+use crate::geometry::{Point, Pose};
+use crate::map::{
+    Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part,
+    PlanningProblem, RoadNetwork, Scenario, Shape, StopLine, TimedOccupancy, TimedPose,
+};
+use crate::planner::{Candidate, Cycle, Decision, StageSeconds};
+use crate::simulation::{Log, Sample};
+use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
+use crate::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use crate::verdict::{Check, Verdict};
+
+/// Everything that a [`Run`] borrows.
+pub(crate) struct Example {
+    pub(crate) scenario: Scenario,
+    pub(crate) vehicle: Vehicle,
+}
+
+/// Where the road starts: UTM magnitudes, so that a lost local origin shows.
+pub(crate) const EAST: f64 = 691_000.0;
+pub(crate) const NORTH: f64 = 5_335_000.0;
+const CYCLES: u32 = 20;
+const SPEED: f64 = 10.0;
+/// Station at which the drive starts to brake and at which it stops, m.
+const BRAKE_AT: f64 = 44.0;
+const STOP_AT: f64 = 80.0;
+
+fn at(x: f64, y: f64) -> Point {
+    Point::new(EAST + x, NORTH + y)
+}
+
+impl Example {
+    pub(crate) fn new() -> Self {
+        let left = Neighbour { id: 2, same_direction: true };
+        let right = Neighbour { id: 1, same_direction: true };
+        let mut lane = lanelet(1, 0.0);
+        lane.adjacent_left = Some(left);
+        lane.speed_limit = Some(13.9);
+        lane.stop_line = Some(StopLine { start: at(86.0, 1.75), end: at(86.0, -1.75) });
+        let mut other = lanelet(2, 3.5);
+        other.adjacent_right = Some(right);
+        let mut pavement = lanelet(3, -3.0);
+        pavement.types = vec!["sidewalk".into()];
+        let lanelets = BTreeMap::from([(1, lane), (2, other), (3, pavement)]);
+        let network = RoadNetwork { lanelets, ..RoadNetwork::default() };
+        let vehicle = car();
+        let scenario = Scenario {
+            id: "HandMade_ParkedCar-1_1".into(),
+            version: "2020a".into(),
+            time_step: 0.1,
+            network,
+            obstacles: obstacles(),
+            problems: vec![problem(&vehicle)],
+            issues: Vec::new(),
+        };
+        Self { scenario, vehicle }
+    }
+
+    pub(crate) fn run(&self) -> Run<'_> {
+        let path = passing(0.0185, 15.0);
+        let driven = Trajectory { start_time: 0.0, path: path.clone(), profile: driven_profile() };
+        Run {
+            scenario: &self.scenario,
+            problem: &self.scenario.problems[0],
+            vehicle: &self.vehicle,
+            cycles: (0..CYCLES).map(|i| cycle(&driven, f64::from(i) * 0.6, i)).collect(),
+            log: log(&driven, &self.vehicle),
+            outcome: Outcome::StoppedSafely,
+            verdict: verdict(),
+        }
+    }
+}
+
+fn lanelet(id: i64, middle: f64) -> Lanelet {
+    let half = if id == 3 { 1.25 } else { 1.75 };
+    let line = |y: f64| Polyline::new((0..=26).map(|i| at(-20.0 + 6.0 * f64::from(i), y))).unwrap();
+    Lanelet {
+        id,
+        left: line(middle + half),
+        right: line(middle - half),
+        centre: line(middle),
+        successors: vec![],
+        predecessors: vec![],
+        adjacent_left: None,
+        adjacent_right: None,
+        speed_limit: None,
+        stop_line: None,
+        signs: vec![],
+        lights: vec![],
+        types: vec!["urban".into()],
+    }
+}
+
+fn obstacles() -> Vec<Obstacle> {
+    let moving = |x: f64, y: f64, vx: f64, vy: f64, until: u32| {
+        let states = (0..=until).map(|i| {
+            let t = 0.1 * f64::from(i);
+            TimedPose {
+                time: t,
+                pose: Pose { position: at(x + vx * t, y + vy * t), yaw: vy.atan2(vx) },
+                speed: vx.hypot(vy),
+            }
+        });
+        Motion::Trajectory(states.collect())
+    };
+    let circle = Shape { parts: vec![Part::Circle { centre: Point::origin(), radius: 0.35 }] };
+    let corners = [(100.0, -4.2), (106.0, -4.2), (106.0, -1.75), (103.0, -2.8)].map(|(x, y)| at(x, y));
+    let sets = (0..80).map(|i| {
+        let from = 0.1 * f64::from(i);
+        let centre = Pose { position: at(110.0 - 2.0 * from, 3.5), yaw: 0.0 };
+        let region = Shape { parts: vec![Part::Rectangle { centre, length: 4.0 + 0.5 * from, width: 2.5 }] };
+        TimedOccupancy { from, to: from + 0.1, region }
+    });
+    vec![
+        Obstacle {
+            id: 31,
+            kind: ObstacleKind::ParkedVehicle,
+            shape: Shape::rectangle(4.6, 1.9),
+            motion: Motion::Static(Pose { position: at(47.0, -0.8), yaw: 0.03 }),
+        },
+        Obstacle {
+            id: 32,
+            kind: ObstacleKind::Vehicle,
+            shape: Shape::rectangle(4.4, 1.8),
+            motion: moving(25.0, 3.5, 11.0, 0.0, 70),
+        },
+        Obstacle { id: 33, kind: ObstacleKind::Pedestrian, shape: circle, motion: moving(90.0, -3.5, 0.0, 0.9, 110) },
+        Obstacle {
+            id: 34,
+            kind: ObstacleKind::Structure,
+            shape: Shape { parts: vec![Part::Polygon { vertices: corners.to_vec() }] },
+            motion: Motion::Static(Pose::new(0.0, 0.0, 0.0)),
+        },
+        Obstacle {
+            id: 35,
+            kind: ObstacleKind::Bicycle,
+            shape: Shape::rectangle(1.8, 0.7),
+            motion: Motion::Occupancy(sets.collect()),
+        },
+    ]
+}
+
+fn problem(vehicle: &Vehicle) -> PlanningProblem {
+    let start = Pose { position: at(2.0, 0.0), yaw: 0.0 };
+    let region = Part::Rectangle { centre: Pose { position: at(80.0, 0.0), yaw: 0.0 }, length: 10.0, width: 3.0 };
+    PlanningProblem {
+        id: 1,
+        initial: InitialState {
+            centre: vehicle.centre_of_rear_axle(&start),
+            speed: SPEED,
+            acceleration: 0.0,
+            yaw_rate: 0.0,
+            time_step: 0,
+        },
+        goals: vec![Goal {
+            position: Some(GoalPosition::Shapes(Shape { parts: vec![region] })),
+            time: Interval { min: 0.0, max: 20.0 },
+            speed: None,
+            yaw: None,
+        }],
+    }
+}
+
+fn car() -> Vehicle {
+    Vehicle {
+        name: "bmw_320i".into(),
+        commonroad_type: Some(2),
+        length: 4.508,
+        width: 1.61,
+        wheelbase: 2.578,
+        rear_axle_to_centre: 1.4,
+        rear_axle_to_mass: 1.422,
+        mass_height: 0.574,
+        track_width: 1.4,
+        mass: 1093.3,
+        yaw_inertia: 1791.6,
+        wheel_radius: 0.344,
+        wheel_inertia: 1.7,
+        limits: Limits {
+            steering: 1.066,
+            steering_rate: 0.4,
+            steering_acceleration: 5.0,
+            speed: 50.8,
+            acceleration: 11.5,
+            switching_speed: 7.319,
+            deceleration: 11.5,
+        },
+        tyres: Tyres {
+            friction: 1.0489,
+            cornering_front: 20.9,
+            cornering_rear: 20.9,
+            longitudinal: 20.0,
+            relaxation_length: 0.3,
+            rolling_resistance: 0.012,
+            drag: 0.4,
+        },
+        actuators: Actuators {
+            drive_lag: 0.2,
+            brake_lag: 0.1,
+            steering_lag: 0.1,
+            drive_front_share: 0.0,
+            brake_front_share: 0.6,
+        },
+        comfort: Comfort {
+            acceleration: 2.0,
+            deceleration: 2.0,
+            aggressive_deceleration: 4.0,
+            lateral_acceleration: 2.0,
+            jerk: 5.0,
+        },
+    }
+}
+
+/// A path that goes straight, passes on the left and comes back; `bend` is the curvature of the lane changes.
+fn passing(bend: f64, straight: f64) -> Path {
+    let spiral = |knots: [f64; 4], length: f64| CubicSpiral { knots, length };
+    let shift = |k: f64| spiral([0.0, k, -k, 0.0], 25.0);
+    let start = Pose { position: at(2.0, 0.0), yaw: 0.0 };
+    let pieces =
+        [spiral([0.0; 4], straight), shift(bend), spiral([0.0; 4], 10.0), shift(-bend), spiral([0.0; 4], 20.0)];
+    Path::new(start, &pieces).unwrap()
+}
+
+fn knot(time: f64, station: f64, speed: f64, acceleration: f64) -> SpeedKnot {
+    SpeedKnot { time, station, speed, acceleration, jerk: 0.0 }
+}
+
+/// Holds the speed, then brakes evenly to rest.
+fn braking(from: f64, hold: f64, speed: f64, deceleration: f64) -> SpeedProfile {
+    let (stop, there) = (hold + speed / deceleration, from + speed * hold);
+    let rest = there + speed * speed / (2.0 * deceleration);
+    SpeedProfile::new(vec![
+        knot(0.0, from, speed, 0.0),
+        knot(hold, there, speed, -deceleration),
+        knot(stop, rest, 0.0, 0.0),
+    ])
+    .unwrap()
+}
+
+fn driven_profile() -> SpeedProfile {
+    braking(0.0, BRAKE_AT / SPEED, SPEED, SPEED * SPEED / (2.0 * (STOP_AT - BRAKE_AT)))
+}
+
+fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
+    let now = driven.at(time);
+    let profile = braking(now.station, 0.8, now.speed.max(0.01), 3.5);
+    let rejections = [None, None, None, Some("collision"), Some("off_road"), Some("curvature")];
+    let bends = [0.0185, 0.0150, 0.0215, 0.0030, 0.0400, -0.0200];
+    let candidates = bends.iter().zip(rejections).map(|(bend, rejected)| Candidate {
+        path: passing(*bend, 15.0),
+        cost: if rejected.is_some() { f64::INFINITY } else { (bend - 0.0185).abs() },
+        rejected,
+    });
+    let kept = index == 8;
+    Cycle {
+        time,
+        committed: Trajectory { start_time: time, path: driven.path.clone(), profile },
+        decision: if kept { Decision::KeepLast } else { Decision::NewPlan { deceleration: 3.5 } },
+        reference: (0..=30).map(|i| at(2.0 + 3.0 * f64::from(i), 0.0)).collect(),
+        candidates: candidates.collect(),
+        blocked: (0..10)
+            .map(|k| f64::from(k) * 0.5)
+            .map(|t| ((now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t), (time + t, time + t + 0.5)))
+            .collect(),
+        chosen: (!kept).then_some(0),
+        expansions: 120,
+        stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
+    }
+}
+
+fn log(driven: &Trajectory, vehicle: &Vehicle) -> Log {
+    let samples = (0..=1200).map(|i| {
+        let time = 0.01 * f64::from(i);
+        let p = driven.at(time);
+        // a car lags a little behind what is wanted
+        let felt = driven.at((time - 0.15).max(0.0));
+        Sample {
+            time,
+            pose: p.pose,
+            speed: p.speed,
+            lateral_speed: 0.0,
+            yaw_rate: p.curvature * p.speed,
+            acceleration: felt.acceleration + 0.03 * (9.0 * time).sin() * p.speed.min(1.0),
+            lateral_acceleration: felt.curvature * felt.speed * felt.speed,
+            steering: vehicle.steering_for_curvature(felt.curvature),
+            commanded_acceleration: p.acceleration,
+            commanded_steering: vehicle.steering_for_curvature(p.curvature),
+            wanted_pose: p.pose,
+            wanted_speed: p.speed,
+            wanted_station: p.station,
+        }
+    });
+    Log { samples: samples.collect(), contact: None, broke_at: None }
+}
+
+fn verdict() -> Verdict {
+    let check = |name: &'static str, pass, value, limit, unit, at_time, note: &str| Check {
+        name,
+        pass,
+        value,
+        limit,
+        unit,
+        at_time,
+        note: note.into(),
+    };
+    Verdict {
+        checks: vec![
+            check("no_contact", true, 0.0, 0.0, "", None, "contacts with obstacles"),
+            check("stays_on_road", true, 0.31, 0.0, "m", Some(4.2), "smallest distance to the border"),
+            check("stop_proven", false, 0.95, 1.0, "", Some(4.8), "share of cycles with a proof <all | any>"),
+            check("comfort_longitudinal", true, 1.42, 2.0, "m/s²", Some(6.0), "largest |a|"),
+            check("comfort_lateral", true, 1.86, 2.0, "m/s²", Some(2.3), "largest |a|"),
+        ],
+    }
+}

@@ -1,0 +1,470 @@
+//! Pictures: a run as one self-contained SVG file, for people and for reports.
+//!
+//! The top view is cropped to the action and has y up; values over time stand below it, or beside it where the action
+//! is as high as it is wide. Nothing is fetched when the picture is shown: no fonts, no scripts, no links. The same
+//! run gives the same bytes.
+//!
+//! Weak: labels are placed by simple rules and may meet each other in dense traffic; a road that runs diagonally is
+//! not turned to fit the page.
+
+mod axes;
+#[cfg(test)]
+pub(crate) mod example;
+pub(crate) mod motion;
+pub(crate) mod outline;
+mod scene;
+pub(crate) mod style;
+mod svg;
+
+use axes::{Area, Curve, LimitLine, Panel};
+use motion::{Motion, MotionSample, speed_limit_at};
+use outline::action_bounds;
+use scene::{Scene, View};
+use svg::{Element, Page, Svg};
+
+use crate::drive::Run;
+use crate::verdict::Check;
+
+/// Width of the page and margin around everything, px.
+const PAGE_WIDTH: f64 = 1240.0;
+const MARGIN: f64 = 24.0;
+const CONTENT: f64 = PAGE_WIDTH - 2.0 * MARGIN;
+/// Space between the parts, px.
+const GAP: f64 = 22.0;
+/// Height of the legend's row, px.
+const LEGEND: f64 = 26.0;
+/// From this ratio of width to height on, the top view takes the whole width of the page and the panels stand below.
+const WIDE: f64 = 1.7;
+/// Failed checks listed in the header; the rest is counted.
+const LISTED_FAILURES: usize = 4;
+/// Seconds that the panels go on after the drive to show where its last plans would have stopped.
+const TAIL: f64 = 4.0;
+/// Curves carry a point each this many seconds at least.
+const CURVE_STEP: f64 = 0.04;
+
+/// A picture of a run: the top view with everything that was seen, planned and driven, and speed and accelerations over
+/// time. For a single planning cycle, whose log is empty, the committed plan stands in for the drive.
+#[must_use]
+pub fn run_svg(run: &Run) -> String {
+    let motion = Motion::of(run);
+    let fastest = motion.samples.iter().map(|s| s.speed).fold(1.0, f64::max);
+    let scene = Scene { run, motion: &motion, top_speed: nice_ceiling(fastest) };
+    let bounds = action_bounds(run, &motion);
+    let header = Header::of(run, motion.driven);
+    let top = MARGIN + header.height();
+    let layout = Layout::new(bounds.width() / bounds.height(), top);
+
+    let mut svg = Svg::new(PAGE_WIDTH, layout.page_height);
+    svg.add_text(&Element::new("title"), &format!("{}: {}", run.scenario.id, run.outcome.name()));
+    svg.add(&Element::rect((0.0, 0.0), PAGE_WIDTH, layout.page_height).with("fill", style::PAPER));
+    header.draw(&mut svg);
+    scene.draw(&mut svg, &View::new(bounds, layout.scene));
+    legend(&mut svg, layout.legend, &scene);
+    for (panel, area) in panels(run, &motion).iter().zip(layout.panels) {
+        panel.draw(&mut svg, area);
+    }
+    svg.finish()
+}
+
+/// Where the parts stand.
+struct Layout {
+    scene: Area,
+    legend: Page,
+    panels: [Area; 3],
+    page_height: f64,
+}
+
+impl Layout {
+    /// `aspect` is the ratio of width to height of the action, `top` the free height under the header.
+    fn new(aspect: f64, top: f64) -> Self {
+        if aspect >= WIDE { Self::stacked(aspect, top) } else { Self::side_by_side(top) }
+    }
+
+    fn stacked(aspect: f64, top: f64) -> Self {
+        let scene = Area { corner: (MARGIN, top), width: CONTENT, height: (CONTENT / aspect).clamp(150.0, 620.0) };
+        let legend = top + scene.height + 8.0;
+        let row = legend + LEGEND + GAP;
+        let width = (CONTENT - 2.0 * GAP) / 3.0;
+        let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 250.0 };
+        Self { scene, legend: (MARGIN, legend), panels: [0.0, 1.0, 2.0].map(panel), page_height: row + 250.0 + MARGIN }
+    }
+
+    fn side_by_side(top: f64) -> Self {
+        const HEIGHT: f64 = 720.0;
+        let scene = Area { corner: (MARGIN, top), width: 0.62 * CONTENT, height: HEIGHT };
+        let (left, height) = (MARGIN + scene.width + GAP, (HEIGHT - 2.0 * GAP) / 3.0);
+        let width = CONTENT - scene.width - GAP;
+        let panel = |i: f64| Area { corner: (left, top + i * (height + GAP)), width, height };
+        Self {
+            scene,
+            legend: (MARGIN, top + HEIGHT + 8.0),
+            panels: [0.0, 1.0, 2.0].map(panel),
+            page_height: top + HEIGHT + LEGEND + 8.0 + MARGIN,
+        }
+    }
+}
+
+/// Title, outcome, verdict and what failed.
+struct Header {
+    title: String,
+    about: String,
+    badge: (String, &'static str),
+    failures: Vec<String>,
+}
+
+impl Header {
+    fn of(run: &Run, driven: bool) -> Self {
+        let outcome = run.outcome.name().replace('_', " ");
+        let what = if driven { "driven in physics" } else { "planned" };
+        let (verdict, colour) = match (run.verdict.checks.is_empty(), run.verdict.pass()) {
+            (true, _) => (outcome, style::FAINT_INK),
+            (false, true) => (format!("{outcome} · pass"), style::FINE),
+            (false, false) => (format!("{outcome} · fail"), style::ALARM),
+        };
+        let failed: Vec<&Check> = run.verdict.failures().collect();
+        let mut failures: Vec<String> = failed.iter().take(LISTED_FAILURES).map(|c| describe(c)).collect();
+        if failed.len() > LISTED_FAILURES {
+            failures.push(format!("and {} more", failed.len() - LISTED_FAILURES));
+        }
+        let about = format!("{} · problem {} · {what}", run.vehicle.name, run.problem.id);
+        Self { title: run.scenario.id.clone(), about, badge: (verdict, colour), failures }
+    }
+
+    fn height(&self) -> f64 {
+        52.0 + 17.0 * self.failures.len() as f64
+    }
+
+    fn draw(&self, svg: &mut Svg) {
+        let line = |y: f64, size: f64| Element::new("text").num("x", MARGIN).num("y", y).num("font-size", size);
+        svg.group(&Element::new("g").with("id", "header"), |svg| {
+            let title = line(MARGIN + 14.0, 20.0).with("font-weight", "700").with("fill", style::INK);
+            svg.add_text(&title, &self.title);
+            svg.add_text(&line(MARGIN + 35.0, 13.0).with("fill", style::FAINT_INK), &self.about);
+            // no font is known here: the badge is made wide enough for a wide one
+            let width = 9.0 * self.badge.0.chars().count() as f64 + 24.0;
+            let corner = (PAGE_WIDTH - MARGIN - width, MARGIN - 2.0);
+            svg.add(&Element::rect(corner, width, 28.0).num("rx", 14.0).with("fill", self.badge.1));
+            let text = Element::new("text").num("x", corner.0 + 0.5 * width).num("y", corner.1 + 19.0);
+            let text = text.num("font-size", 14.0).with("font-weight", "600").with("text-anchor", "middle");
+            svg.add_text(&text.with("fill", style::PAPER), &self.badge.0);
+            for (i, failure) in self.failures.iter().enumerate() {
+                let text = line(MARGIN + 54.0 + 17.0 * i as f64, 12.5).with("fill", style::ALARM);
+                svg.add_text(&text.with("class", "failure"), failure);
+            }
+        });
+    }
+}
+
+/// A failed check in a line.
+fn describe(check: &Check) -> String {
+    let unit = if check.unit.is_empty() { String::new() } else { format!(" {}", check.unit) };
+    let when = check.at_time.map_or_else(String::new, |t| format!(" at {t:.2} s"));
+    let number = |v: f64| if v.is_finite() { format!("{v:.2}{unit}") } else { "none".into() };
+    format!("{}: {}, limit {}{when} ({})", check.name, number(check.value), number(check.limit), check.note)
+}
+
+/// The smallest of 5, 10, 15, … that is not below the speed.
+fn nice_ceiling(speed: f64) -> f64 {
+    (speed / 5.0).ceil().max(1.0) * 5.0
+}
+
+fn legend(svg: &mut Svg, corner: Page, scene: &Scene) {
+    let run = scene.run;
+    let obstacles = &run.scenario.obstacles;
+    let drive = if scene.motion.driven { "driven" } else { "planned" };
+    let moving = |colour: &str| obstacles.iter().any(|o| !o.is_static() && scene::moving_colour(o) == colour);
+    let entries = [
+        (true, Mark::Line(style::DRIVEN, "", 1.8), format!("{drive} rear axle")),
+        (!run.cycles.is_empty(), Mark::Line(style::PLAN, "", 1.2), "plans to their stop".into()),
+        (
+            run.cycles.iter().any(|c| !c.candidates.is_empty()),
+            Mark::Line(style::CANDIDATE, "", 1.0),
+            "candidates".into(),
+        ),
+        (obstacles.iter().any(|o| o.is_static()), Mark::Box(style::STATIC, "1"), "static".into()),
+        (moving(style::MOVING), Mark::Box(style::MOVING, "0.25"), "moving, each second".into()),
+        (moving(style::VULNERABLE), Mark::Box(style::VULNERABLE, "0.25"), "on foot or bicycle".into()),
+        (run.problem.goals.iter().any(|g| g.position.is_some()), Mark::Box(style::GOAL, "0.16"), "goal".into()),
+    ];
+    svg.group(&Element::new("g").with("id", "legend").num("font-size", 11.5).with("fill", style::FAINT_INK), |svg| {
+        let mut x = corner.0 + speed_key(svg, corner, scene.top_speed);
+        let middle = corner.1 + 10.0;
+        for (_, mark, text) in entries.iter().filter(|(present, _, _)| *present) {
+            mark.draw(svg, (x, middle));
+            svg.add_text(&Element::new("text").num("x", x + 26.0).num("y", middle + 4.0), text);
+            x += 26.0 + 6.6 * text.chars().count() as f64 + 18.0;
+        }
+    });
+}
+
+/// A sample of how something is drawn.
+enum Mark {
+    Line(&'static str, &'static str, f64),
+    Box(&'static str, &'static str),
+}
+
+impl Mark {
+    fn draw(&self, svg: &mut Svg, (x, y): Page) {
+        svg.add(&match self {
+            Self::Line(colour, dash, width) => {
+                let line = Element::line((x, y), (x + 20.0, y)).with("stroke", colour).num("stroke-width", *width);
+                if dash.is_empty() { line } else { line.with("stroke-dasharray", dash) }
+            }
+            Self::Box(colour, opacity) => Element::rect((x, y - 5.0), 20.0, 10.0)
+                .with("fill", colour)
+                .with("fill-opacity", opacity)
+                .with("stroke", colour),
+        });
+    }
+}
+
+/// The colours of the speed; returns the width used.
+fn speed_key(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
+    const STEPS: u32 = 16;
+    const STEP: f64 = 7.0;
+    let middle = y + 10.0;
+    svg.add_text(&Element::new("text").num("x", x).num("y", middle + 4.0), "speed 0");
+    for i in 0..STEPS {
+        let colour = style::hex(style::viridis(f64::from(i) / f64::from(STEPS - 1)));
+        // a little wider than the step: no hairlines
+        let cell = Element::rect((x + 50.0 + STEP * f64::from(i), middle - 5.0), STEP + 0.5, 10.0);
+        svg.add(&cell.with("fill", &colour));
+    }
+    let end = 50.5 + STEP * f64::from(STEPS) + 6.0;
+    let text = format!("{top_speed:.0} m/s");
+    svg.add_text(&Element::new("text").num("x", x + end).num("y", middle + 4.0), &text);
+    end + 6.6 * text.chars().count() as f64 + 22.0
+}
+
+/// Speed, acceleration and lateral acceleration over time.
+fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
+    let (from, to) = motion.time_range();
+    let stopped = run.cycles.iter().map(|c| c.committed.end_time()).fold(to, f64::max);
+    let time = (from, stopped.clamp(to, to + TAIL));
+    let comfort = &run.vehicle.comfort;
+    let samples = motion.thinned(CURVE_STEP);
+    let driven = |value: fn(&MotionSample) -> f64, width: f64| Curve {
+        points: samples.iter().map(|s| (s.time, value(s))).collect(),
+        colour: style::DRIVEN,
+        width,
+        dash: "",
+        class: "driven",
+    };
+    let wanted = Curve { colour: style::WANTED, class: "wanted", dash: "6 3", ..driven(|s| s.wanted_speed, 1.6) };
+    let mut speeds = proof_tails(run);
+    let mut speed_key = vec![(if motion.driven { "driven" } else { "planned" }, style::DRIVEN)];
+    let limits = limit_curve(run, &samples);
+    let limited = !limits.is_empty();
+    speeds.extend(limits);
+    speeds.push(driven(|s| s.speed, 2.0));
+    if motion.driven {
+        speeds.push(wanted);
+        speed_key.extend([("wanted", style::WANTED), ("proven stops", style::PLAN)]);
+    }
+    if limited {
+        speed_key.push(("limit", style::ALARM));
+    }
+    let limit = |value: f64, label: &'static str| LimitLine { value, label, colour: style::LIMIT };
+    let last_resort = LimitLine { value: -comfort.aggressive_deceleration, label: "proofs only", colour: style::ALARM };
+    let (accel, decel, side) = (comfort.acceleration, comfort.deceleration, comfort.lateral_acceleration);
+    [
+        Panel {
+            title: "Speed, m/s",
+            id: "speed",
+            key: speed_key,
+            curves: speeds,
+            limits: vec![],
+            time,
+            at_least: (0.0, 1.0),
+        },
+        Panel {
+            title: "Acceleration, m/s²",
+            id: "acceleration",
+            key: vec![],
+            curves: vec![driven(|s| s.acceleration, 1.8)],
+            limits: vec![limit(accel, "comfort"), limit(-decel, "comfort"), last_resort],
+            time,
+            at_least: (-comfort.aggressive_deceleration, accel),
+        },
+        Panel {
+            title: "Lateral acceleration, m/s², left positive",
+            id: "lateral-acceleration",
+            key: vec![],
+            curves: vec![driven(|s| s.lateral_acceleration, 1.8)],
+            limits: vec![limit(side, "comfort"), limit(-side, "comfort")],
+            time,
+            at_least: (-side, side),
+        },
+    ]
+}
+
+/// The speed of each committed plan down to its stop, at most one every half a second.
+fn proof_tails(run: &Run) -> Vec<Curve> {
+    let mut tails: Vec<Curve> = Vec::new();
+    let mut next = f64::NEG_INFINITY;
+    for cycle in run.cycles.iter().filter(|c| c.time.is_finite()) {
+        if cycle.time < next {
+            continue;
+        }
+        next = cycle.time + 0.5 - 1e-9;
+        let plan = &cycle.committed;
+        let times = plan.profile.knots().iter().flat_map(|k| {
+            // speed is quadratic where jerk is not zero: a few points between the knots
+            [0.0, 0.25, 0.5, 0.75].map(|part| (k.time, part))
+        });
+        let ends: Vec<f64> = plan.profile.knots().iter().map(|k| k.time).collect();
+        let points = times
+            .filter_map(|(start, part)| {
+                let after = ends.partition_point(|t| *t <= start);
+                let end = *ends.get(after)?;
+                Some(start + part * (end - start))
+            })
+            .chain(ends.last().copied())
+            .map(|t| (plan.start_time + t, plan.profile.at(t).speed))
+            .collect();
+        tails.push(Curve { points, colour: style::PLAN, width: 0.8, dash: "", class: "proof" });
+    }
+    tails
+}
+
+/// The posted speed limit along the way, in pieces where there is one.
+fn limit_curve(run: &Run, samples: &[MotionSample]) -> Vec<Curve> {
+    let mut pieces: Vec<Vec<(f64, f64)>> = vec![Vec::new()];
+    for sample in samples {
+        match (speed_limit_at(&run.scenario.network, &sample.pose), pieces.last_mut()) {
+            (Some(limit), Some(piece)) => piece.push((sample.time, limit)),
+            (None, Some(piece)) if !piece.is_empty() => pieces.push(Vec::new()),
+            _ => {}
+        }
+    }
+    pieces
+        .into_iter()
+        .filter(|points| points.len() > 1)
+        .map(|points| Curve { points, colour: style::ALARM, width: 1.0, dash: "5 4", class: "speed-limit" })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::example::{EAST, Example, NORTH};
+    use super::*;
+    use crate::geometry::Point;
+    use crate::map::{Motion as ObstacleMotion, RoadNetwork};
+
+    /// Writes the picture to the folder named by `STOPLINE_PICTURES`, if any, to be looked at.
+    fn keep(name: &str, svg: &str) {
+        if let Some(folder) = std::env::var_os("STOPLINE_PICTURES") {
+            std::fs::write(std::path::Path::new(&folder).join(name), svg).unwrap();
+        }
+    }
+
+    fn assert_sound(svg: &str) {
+        let read = roxmltree::Document::parse(svg).expect("well-formed");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        assert!(read.descendants().all(|n| n.tag_name().name() != "image" && n.attribute("href").is_none()));
+        let mut ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
+        ids.sort_unstable();
+        assert!(ids.windows(2).all(|w| w[0] != w[1]), "an id twice: {ids:?}");
+    }
+
+    #[test]
+    fn the_picture_holds_every_part() {
+        let example = Example::new();
+        let svg = run_svg(&example.run());
+        keep("run.svg", &svg);
+        assert_sound(&svg);
+        let read = roxmltree::Document::parse(&svg).unwrap();
+        let ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
+        let parts = ["scene", "goal", "driven-path", "driven-footprints", "committed-plans", "candidates", "scale-bar"];
+        let panels = ["speed", "acceleration", "lateral-acceleration", "legend", "header", "stop-line-1"];
+        let obstacles: Vec<String> = example.scenario.obstacles.iter().map(|o| format!("obstacle-{}", o.id)).collect();
+        let lanelets = ["lanelet-1", "lanelet-2", "lanelet-3"];
+        let expected = parts.into_iter().chain(panels).chain(lanelets).chain(obstacles.iter().map(String::as_str));
+        for id in expected {
+            assert!(ids.contains(&id), "{id} is missing in {ids:?}");
+        }
+        for class in ["driven", "wanted", "proof", "speed-limit", "limit", "centre-line", "failure"] {
+            assert!(read.descendants().any(|n| n.attribute("class") == Some(class)), "no {class}");
+        }
+    }
+
+    #[test]
+    fn the_same_run_gives_the_same_bytes() {
+        let (a, b) = (Example::new(), Example::new());
+        assert_eq!(run_svg(&a.run()), run_svg(&b.run()));
+    }
+
+    #[test]
+    fn text_from_the_file_is_escaped() {
+        let mut example = Example::new();
+        example.scenario.id = "a<b>&\"c\" \u{1}".into();
+        assert_sound(&run_svg(&example.run()));
+    }
+
+    #[test]
+    fn a_single_cycle_shows_its_plan() {
+        let example = Example::new();
+        let mut run = example.run();
+        run.cycles.truncate(1);
+        run.log.samples.clear();
+        run.verdict.checks.clear();
+        let svg = run_svg(&run);
+        keep("plan.svg", &svg);
+        assert_sound(&svg);
+        assert!(svg.contains("planned"));
+    }
+
+    #[test]
+    fn nothing_at_all_is_still_a_picture() {
+        let mut example = Example::new();
+        example.scenario.network = RoadNetwork::default();
+        example.scenario.obstacles.clear();
+        example.scenario.problems[0].goals.clear();
+        let mut run = example.run();
+        run.cycles.clear();
+        run.log.samples.clear();
+        assert_sound(&run_svg(&run));
+    }
+
+    #[test]
+    fn numbers_that_are_none_never_reach_the_file() {
+        let mut example = Example::new();
+        example.scenario.problems[0].initial.centre.position = Point::new(f64::NAN, f64::NAN);
+        for obstacle in &mut example.scenario.obstacles {
+            if let ObstacleMotion::Static(pose) = &mut obstacle.motion {
+                pose.position.x = f64::NAN;
+            }
+        }
+        let mut run = example.run();
+        run.log.samples[100].acceleration = f64::NAN;
+        run.log.samples[200].pose.position.y = f64::INFINITY;
+        run.verdict.checks[2].value = f64::NAN;
+        run.verdict.checks[2].limit = f64::INFINITY;
+        assert_sound(&run_svg(&run));
+    }
+
+    #[test]
+    fn a_diagonal_road_is_shown_beside_the_panels() {
+        let aspect = 1.0;
+        let layout = Layout::new(aspect, 80.0);
+        assert!(layout.panels[0].corner.0 > layout.scene.corner.0 + layout.scene.width);
+        let layout = Layout::new(6.0, 80.0);
+        assert!(layout.panels[0].corner.1 > layout.scene.corner.1 + layout.scene.height);
+        assert!(layout.scene.height < 0.25 * layout.scene.width, "a narrow road gets a narrow view");
+    }
+
+    #[test]
+    fn what_is_left_of_the_road_is_drawn_higher() {
+        let example = Example::new();
+        let svg = run_svg(&example.run());
+        let read = roxmltree::Document::parse(&svg).unwrap();
+        let first_y = |id: &str| -> f64 {
+            let node = read.descendants().find(|n| n.attribute("id") == Some(id)).unwrap();
+            let data = node.attribute("d").unwrap();
+            data.trim_start_matches('M').split(['L', ' ']).nth(1).unwrap().parse().unwrap()
+        };
+        assert!(first_y("lanelet-2") < first_y("lanelet-1"), "the left lane is above the right one");
+        assert!(first_y("lanelet-1") < first_y("lanelet-3"));
+        assert!(!svg.contains(&format!("{EAST}")) && !svg.contains(&format!("{NORTH}")), "page coordinates only");
+    }
+}

@@ -1,0 +1,244 @@
+//! The vehicle's motion as pictures show it: what the rig measured, or the plan where nothing was driven.
+
+use crate::drive::Run;
+use crate::geometry::Pose;
+use crate::map::RoadNetwork;
+use crate::simulation::Sample;
+
+/// Motion over time.
+#[derive(Debug, Clone)]
+pub(crate) struct Motion {
+    /// In order of time; empty if there is neither a log nor a plan.
+    pub(crate) samples: Vec<MotionSample>,
+    /// Whether it was driven; otherwise it is the committed trajectory of the first cycle.
+    pub(crate) driven: bool,
+}
+
+/// One instant. Every number is finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct MotionSample {
+    /// Time of the run, s.
+    pub(crate) time: f64,
+    /// Rear-axle pose.
+    pub(crate) pose: Pose,
+    /// Speed along the heading, m/s.
+    pub(crate) speed: f64,
+    /// Speed that the trajectory wants, m/s.
+    pub(crate) wanted_speed: f64,
+    /// Longitudinal acceleration, m/s².
+    pub(crate) acceleration: f64,
+    /// Lateral acceleration, m/s², left positive.
+    pub(crate) lateral_acceleration: f64,
+    /// Longitudinal jerk, m/s³; see [`JERK_WINDOW`].
+    pub(crate) jerk: f64,
+    /// Steering angle, rad.
+    pub(crate) steering: f64,
+    /// Steering angle asked for, rad.
+    pub(crate) wanted_steering: f64,
+}
+
+/// Driven jerk is shown as the difference of the mean accelerations over this time after and before the instant,
+/// divided by it, s: the derivative behind a triangular filter of twice this width. Shorter windows show the ripple of
+/// the tyres, longer ones hide the start of braking.
+pub(crate) const JERK_WINDOW: f64 = 0.2;
+
+/// Spacing at which a plan is sampled, s.
+const PLAN_STEP: f64 = 0.05;
+
+impl Motion {
+    /// The motion of a run.
+    pub(crate) fn of(run: &Run) -> Self {
+        let log: Vec<Sample> = run.log.samples.iter().filter(|s| is_finite(s)).copied().collect();
+        if log.is_empty() {
+            return Self { samples: planned(run), driven: false };
+        }
+        let jerk = filtered_jerk(&log);
+        let samples = log.iter().zip(jerk).map(|(s, jerk)| of_sample(s, jerk)).collect();
+        Self { samples, driven: true }
+    }
+
+    /// Time interval of the motion, s; `(0, 0)` when there is none.
+    pub(crate) fn time_range(&self) -> (f64, f64) {
+        match (self.samples.first(), self.samples.last()) {
+            (Some(first), Some(last)) => (first.time, last.time),
+            _ => (0.0, 0.0),
+        }
+    }
+
+    /// The sample at or just before `time`; the first one before the start.
+    pub(crate) fn at(&self, time: f64) -> Option<&MotionSample> {
+        // times are products of step and count: allow their rounding
+        let after = self.samples.partition_point(|s| s.time <= time + 1e-9);
+        self.samples.get(after.max(1) - 1)
+    }
+
+    /// Samples at least `spacing` seconds apart, the first and the last included.
+    pub(crate) fn thinned(&self, spacing: f64) -> Vec<MotionSample> {
+        let mut kept: Vec<MotionSample> = Vec::new();
+        for (i, sample) in self.samples.iter().enumerate() {
+            let due = kept.last().is_none_or(|last| sample.time - last.time >= spacing - 1e-9);
+            if due || i + 1 == self.samples.len() {
+                kept.push(*sample);
+            }
+        }
+        kept
+    }
+
+    /// Times from the start to the end of the motion, `spacing` seconds apart, the end included.
+    pub(crate) fn ticks(&self, spacing: f64) -> Vec<f64> {
+        if self.samples.is_empty() {
+            return Vec::new();
+        }
+        let (from, to) = self.time_range();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count
+        let whole = ((to - from) / spacing + 1e-9).floor() as usize;
+        let mut ticks: Vec<f64> = (0..=whole).map(|i| from + i as f64 * spacing).collect();
+        if ticks.last().is_some_and(|last| to - last > 1e-6) {
+            ticks.push(to);
+        }
+        ticks
+    }
+}
+
+/// The lowest speed limit posted on a lanelet at the position, m/s.
+pub(crate) fn speed_limit_at(network: &RoadNetwork, pose: &Pose) -> Option<f64> {
+    network
+        .lanelets
+        .values()
+        .filter(|l| l.speed_limit.is_some() && l.contains(pose.position))
+        .filter_map(|l| l.speed_limit)
+        .min_by(f64::total_cmp)
+}
+
+fn planned(run: &Run) -> Vec<MotionSample> {
+    let Some(cycle) = run.cycles.first() else { return Vec::new() };
+    let plan = &cycle.committed;
+    let (from, to) = (plan.start_time, plan.end_time());
+    let steps = ((to - from) / PLAN_STEP).ceil().clamp(1.0, 100_000.0);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped above
+    (0..=steps as usize)
+        .map(|i| plan.at(from + (to - from) * i as f64 / steps))
+        .filter(|p| p.pose.position.coords.iter().all(|c| c.is_finite()) && p.speed.is_finite())
+        .map(|p| {
+            let steering = run.vehicle.steering_for_curvature(p.curvature);
+            MotionSample {
+                time: p.time,
+                pose: p.pose,
+                speed: p.speed,
+                wanted_speed: p.speed,
+                acceleration: p.acceleration,
+                lateral_acceleration: p.curvature * p.speed * p.speed,
+                jerk: p.jerk,
+                steering,
+                wanted_steering: steering,
+            }
+        })
+        .collect()
+}
+
+fn of_sample(s: &Sample, jerk: f64) -> MotionSample {
+    MotionSample {
+        time: s.time,
+        pose: s.pose,
+        speed: s.speed,
+        wanted_speed: s.wanted_speed,
+        acceleration: s.acceleration,
+        lateral_acceleration: s.lateral_acceleration,
+        jerk,
+        steering: s.steering,
+        wanted_steering: s.commanded_steering,
+    }
+}
+
+fn is_finite(s: &Sample) -> bool {
+    let numbers = [
+        s.time,
+        s.pose.position.x,
+        s.pose.position.y,
+        s.pose.yaw,
+        s.speed,
+        s.wanted_speed,
+        s.acceleration,
+        s.lateral_acceleration,
+        s.steering,
+        s.commanded_steering,
+    ];
+    numbers.iter().all(|n| n.is_finite())
+}
+
+/// Jerk at each sample; see [`JERK_WINDOW`]. At the ends the windows are cut off, at the very ends it is 0.
+fn filtered_jerk(log: &[Sample]) -> Vec<f64> {
+    let mut sums = Vec::with_capacity(log.len() + 1);
+    sums.push(0.0);
+    for sample in log {
+        sums.push(sums[sums.len() - 1] + sample.acceleration);
+    }
+    let mean = |from: usize, to: usize| (sums[to] - sums[from]) / (to - from) as f64;
+    let middle = |from: usize, to: usize| f64::midpoint(log[from].time, log[to - 1].time);
+    (0..log.len())
+        .map(|i| {
+            let time = log[i].time;
+            let first = log.partition_point(|s| s.time < time - JERK_WINDOW - 1e-9);
+            let last = log.partition_point(|s| s.time <= time + JERK_WINDOW + 1e-9);
+            if first == i || last == i + 1 {
+                return 0.0;
+            }
+            let distance = middle(i, last) - middle(first, i + 1);
+            if distance > 0.0 { (mean(i, last) - mean(first, i + 1)) / distance } else { 0.0 }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plot::example::Example;
+
+    #[test]
+    fn jerk_of_a_ramp_in_acceleration_is_its_slope() {
+        let example = Example::new();
+        let mut samples = example.run().log.samples;
+        for s in &mut samples {
+            s.acceleration = 0.3 - 1.7 * s.time;
+        }
+        let jerk = filtered_jerk(&samples);
+        assert!(jerk[1..jerk.len() - 1].iter().all(|j| (j + 1.7).abs() < 1e-9), "{jerk:?}");
+    }
+
+    #[test]
+    fn without_a_log_the_plan_is_shown() {
+        let example = Example::new();
+        let mut run = example.run();
+        run.log.samples.clear();
+        let motion = Motion::of(&run);
+        assert!(!motion.driven);
+        let plan = &run.cycles[0].committed;
+        let (from, to) = motion.time_range();
+        assert_eq!(from, plan.start_time);
+        assert!((to - plan.end_time()).abs() < 1e-9);
+        assert!(motion.samples[motion.samples.len() - 1].speed < 1e-9);
+        run.cycles.clear();
+        assert!(Motion::of(&run).samples.is_empty());
+        assert!(Motion::of(&run).ticks(0.5).is_empty());
+    }
+
+    #[test]
+    fn broken_samples_are_left_out() {
+        let example = Example::new();
+        let mut run = example.run();
+        let count = run.log.samples.len();
+        run.log.samples[3].speed = f64::NAN;
+        run.log.samples[5].pose.position.x = f64::INFINITY;
+        assert_eq!(Motion::of(&run).samples.len(), count - 2);
+    }
+
+    #[test]
+    fn ticks_include_the_end() {
+        let example = Example::new();
+        let motion = Motion::of(&example.run());
+        let (from, to) = motion.time_range();
+        let ticks = motion.ticks(0.7);
+        assert_eq!((ticks[0], ticks[ticks.len() - 1]), (from, to));
+        assert!(ticks.windows(2).all(|w| w[1] > w[0]));
+    }
+}

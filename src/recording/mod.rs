@@ -1,0 +1,216 @@
+//! Recordings: a run as a `.rrd` file for the Rerun viewer, with the layout to look at it inside.
+//!
+//! What is in it, by entity:
+//!
+//! | entity | what |
+//! |---|---|
+//! | `map/…` | road surface, bounds, lane marks, stop lines, goal, the driven path: logged once |
+//! | `map/obstacles/ID` | the shape of an obstacle, its poses a tick apart; sets of a set-based prediction |
+//! | `map/plan/…` | per planning cycle: reference line, candidates, committed path, footprint at its proven stop |
+//! | `map/ego` | the vehicle's shape, its poses a tick apart |
+//! | `follow` | a frame that moves with the vehicle, for the view that follows it |
+//! | `series/…` | speed, acceleration, jerk, lateral acceleration, steering, with their limits |
+//! | `st/…` | station over time of the committed plan, with the cells blocked on it |
+//! | `decisions`, `verdict` | text |
+//!
+//! Positions are metres from an origin near the start, a whole metre: the viewer computes in `f32`, which would lose
+//! centimetres in UTM coordinates. Its 2D views have y down, so a mirror stands above `map`. They can't fill polygons
+//! either: the road surface is an image, and vehicles are filled with thick strokes (`shapes::hatch`).
+//!
+//! The recording is made in memory and written under a temporary name, so that a file of the wanted name is always
+//! whole. Recordings of one run have the same recording id, not the same bytes: Rerun stamps rows with the clock.
+
+mod blueprint;
+mod plans;
+mod road;
+mod series;
+mod shapes;
+mod style;
+mod text;
+mod traffic;
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use rerun::log::ChunkBatcherConfig;
+use rerun::{RecordingStream, RecordingStreamBuilder};
+use sha2::{Digest as _, Sha256};
+
+use crate::drive::Run;
+use crate::geometry::Point;
+use crate::plot::motion::Motion;
+use crate::plot::outline::{Bounds, action_bounds};
+
+/// Name under which the viewer keeps settings for our recordings.
+const APPLICATION: &str = "stopline";
+/// The timeline, seconds of the run.
+const TIMELINE: &str = "time";
+/// Time between two poses of the vehicle and the obstacles, s: smooth to the eye.
+const TICK: f64 = 0.04;
+
+/// Why a recording could not be written. It never fails the run itself.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// Rerun could not take the data.
+    #[error("the recording could not be made: {0}")]
+    Made(Box<dyn std::error::Error + Send + Sync>),
+    /// The file could not be written.
+    #[error("{}: the recording could not be written: {source}", path.display())]
+    Written {
+        /// The file asked for.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl RecordingError {
+    fn made(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Made(Box::new(error))
+    }
+}
+
+/// Writes the recording of a run to `path`, replacing what is there. For a single planning cycle, whose log is empty,
+/// the committed plan stands in for the drive.
+///
+/// # Errors
+/// [`RecordingError::Written`] if the file can't be written, [`RecordingError::Made`] if Rerun fails.
+pub fn write(run: &Run, path: &Path) -> Result<(), RecordingError> {
+    let bytes = recorded(run)?;
+    replace(path, &bytes).map_err(|source| RecordingError::Written { path: path.to_owned(), source })
+}
+
+/// What all parts of the recording need.
+struct Context<'a> {
+    stream: RecordingStream,
+    run: &'a Run<'a>,
+    motion: Motion,
+    /// The region of the action, in world coordinates.
+    action: Bounds,
+    /// World position of the recording's origin.
+    origin: Point,
+}
+
+impl Context<'_> {
+    /// A position relative to the origin; `None` for what is not finite.
+    fn local(&self, p: &Point) -> Option<[f32; 2]> {
+        #[allow(clippy::cast_possible_truncation)] // near the origin f32 is exact to less than a millimetre
+        let local = [(p.x - self.origin.x) as f32, (p.y - self.origin.y) as f32];
+        local.iter().all(|c| c.is_finite()).then_some(local)
+    }
+
+    /// An open line in local coordinates.
+    fn line<'p>(&self, points: impl IntoIterator<Item = &'p Point>) -> Vec<[f32; 2]> {
+        points.into_iter().filter_map(|p| self.local(p)).collect()
+    }
+
+    /// A closed line in local coordinates.
+    fn ring(&self, points: &[Point]) -> Vec<[f32; 2]> {
+        self.line(points.iter().chain(points.first()))
+    }
+
+    fn set_time(&self, time: f64) {
+        self.stream.set_duration_secs(TIMELINE, if time.is_finite() { time } else { 0.0 });
+    }
+
+    fn log(&self, entity: &str, data: &impl rerun::AsComponents) -> Result<(), RecordingError> {
+        self.stream.log(entity, data).map_err(RecordingError::made)
+    }
+
+    fn log_static(&self, entity: &str, data: &impl rerun::AsComponents) -> Result<(), RecordingError> {
+        self.stream.log_static(entity, data).map_err(RecordingError::made)
+    }
+}
+
+/// The bytes of the recording.
+fn recorded(run: &Run) -> Result<Vec<u8>, RecordingError> {
+    let id = recording_id(run);
+    // `enabled`: the environment must not switch off what the user asked for. `NEVER`: all is flushed at the end.
+    let (stream, storage) = RecordingStreamBuilder::new(APPLICATION)
+        .enabled(true)
+        .recording_id(id.as_str())
+        .recording_name(format!("{} · {}", run.scenario.id, run.outcome.name()))
+        .batcher_config(ChunkBatcherConfig::NEVER)
+        .memory()
+        .map_err(RecordingError::made)?;
+    stream.set_log_tick_enabled(false);
+    stream.set_log_time_enabled(false);
+    let motion = Motion::of(run);
+    let action = action_bounds(run, &motion);
+    let origin = start(run, &action).map(f64::floor);
+    let context = Context { stream, run, motion, action, origin };
+    blueprint::send(&context, &id)?;
+    // 2D views have y down: everything under `map` is mirrored
+    let mirror = rerun::Transform3D::from_mat3x3([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]);
+    context.log_static("map", &mirror)?;
+    road::log(&context)?;
+    traffic::log(&context)?;
+    plans::log(&context)?;
+    series::log(&context)?;
+    text::log(&context)?;
+    context.stream.flush_blocking().map_err(RecordingError::made)?;
+    storage.drain_as_bytes().map_err(RecordingError::made)
+}
+
+/// A finite position near the start.
+fn start(run: &Run, action: &Bounds) -> Point {
+    let start = run.problem.initial.centre.position;
+    if start.coords.iter().all(|c| c.is_finite()) { start } else { action.centre() }
+}
+
+/// An id that follows from what happened: the same run recorded twice is one recording to the viewer.
+fn recording_id(run: &Run) -> String {
+    let mut hash = Sha256::new();
+    hash.update(run.scenario.id.as_bytes());
+    hash.update(run.vehicle.name.as_bytes());
+    hash.update(run.problem.id.to_le_bytes());
+    hash.update(run.outcome.name().as_bytes());
+    for cycle in &run.cycles {
+        hash.update(cycle.time.to_le_bytes());
+        hash.update(cycle.committed.end_time().to_le_bytes());
+    }
+    for sample in &run.log.samples {
+        for number in [sample.time, sample.pose.position.x, sample.pose.position.y, sample.pose.yaw, sample.speed] {
+            hash.update(number.to_le_bytes());
+        }
+    }
+    hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Writes beside the file and renames: whoever looks at `path` sees the old file or the whole new one.
+fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".recording-");
+    #[cfg(unix)]
+    {
+        // temporary files are private by default; the user's mask decides about this one
+        use std::os::unix::fs::PermissionsExt as _;
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    file.persist(path).map_err(|e| e.error)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plot::example::Example;
+
+    #[test]
+    fn the_recording_is_written_whole() {
+        let example = Example::new();
+        let folder = tempfile::tempdir().unwrap();
+        let folder = std::env::var_os("STOPLINE_PICTURES").map_or(folder.path().to_owned(), PathBuf::from);
+        let path = folder.join("run.rrd");
+        write(&example.run(), &path).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert_eq!(&bytes[..4], b"RRF2");
+        assert!(bytes.len() > 100_000, "{} bytes", bytes.len());
+        let left_over = std::fs::read_dir(&folder).unwrap().flatten();
+        let left_over = left_over.filter(|f| f.file_name().to_string_lossy().starts_with(".recording-"));
+        assert_eq!(left_over.count(), 0);
+    }
+}

@@ -1,0 +1,194 @@
+//! Values over time, as columns, and the station–time picture of each planning cycle.
+
+use rerun::{LineStrips2D, Points2D, Scalars, SeriesLines, TimeColumn};
+
+use super::shapes::{HATCH_RADIUS, hatch};
+use super::style::{Rgb, metres, pixels};
+use super::{Context, RecordingError, TIMELINE};
+use crate::geometry::Point;
+use crate::planner::Cycle;
+use crate::plot::motion::{MotionSample, speed_limit_at};
+
+const DRIVEN: Rgb = (92, 170, 255);
+const WANTED: Rgb = (255, 190, 70);
+const LIMIT: Rgb = (214, 96, 96);
+const COMFORT: Rgb = (150, 130, 90);
+const AXIS: Rgb = (110, 120, 130);
+const GRID: Rgb = (44, 50, 58);
+const BLOCKED: Rgb = (150, 52, 52);
+const BLOCKED_EDGE: Rgb = (255, 120, 110);
+const PLAN: Rgb = (92, 224, 255);
+
+/// Points of a curve are this far apart at least, s.
+const STEP: f64 = 0.01;
+/// A second is drawn as long as this many metres in the station–time picture.
+const SECOND: f64 = 8.0;
+/// Cells with a fill in one station–time picture; more are drawn hollow.
+const FILLED_CELLS: usize = 60;
+
+/// Logs everything under `series` and `st`.
+pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
+    let samples = context.motion.thinned(STEP);
+    let driven = if context.motion.driven { "driven" } else { "planned" };
+    let curve = |entity: &str, name: &str, look: (Rgb, f32), value: &dyn Fn(&MotionSample) -> f64| {
+        let points: Vec<(f64, f64)> = samples.iter().map(|s| (s.time, value(s))).collect();
+        send(context, &format!("series/{entity}"), name, look, &points)
+    };
+    curve("speed/driven", driven, (DRIVEN, 2.0), &|s| s.speed)?;
+    curve("acceleration/driven", driven, (DRIVEN, 2.0), &|s| s.acceleration)?;
+    curve("jerk/driven", driven, (DRIVEN, 1.5), &|s| s.jerk)?;
+    curve("lateral_acceleration/driven", driven, (DRIVEN, 2.0), &|s| s.lateral_acceleration)?;
+    curve("steering/driven", driven, (DRIVEN, 2.0), &|s| s.steering.to_degrees())?;
+    if context.motion.driven {
+        curve("speed/wanted", "wanted", (WANTED, 1.2), &|s| s.wanted_speed)?;
+        curve("steering/wanted", "asked for", (WANTED, 1.2), &|s| s.wanted_steering.to_degrees())?;
+    }
+    let network = &context.run.scenario.network;
+    let limits: Vec<(f64, f64)> = (context.motion.thinned(0.1).iter())
+        .filter_map(|s| Some((s.time, speed_limit_at(network, &s.pose)?)))
+        .collect();
+    send(context, "series/speed/limit", "limit", (LIMIT, 1.2), &limits)?;
+    log_comfort(context)?;
+    log_station_time(context)
+}
+
+/// Level lines at the comfort limits.
+fn log_comfort(context: &Context) -> Result<(), RecordingError> {
+    let comfort = &context.run.vehicle.comfort;
+    let (from, to) = context.motion.time_range();
+    let levels = [
+        ("series/acceleration/comfort_most", "comfort", COMFORT, comfort.acceleration),
+        ("series/acceleration/comfort_least", "comfort, braking", COMFORT, -comfort.deceleration),
+        ("series/acceleration/proof", "proofs only", LIMIT, -comfort.aggressive_deceleration),
+        ("series/jerk/comfort_most", "comfort", COMFORT, comfort.jerk),
+        ("series/jerk/comfort_least", "comfort, falling", COMFORT, -comfort.jerk),
+        ("series/lateral_acceleration/comfort_left", "comfort, left", COMFORT, comfort.lateral_acceleration),
+        ("series/lateral_acceleration/comfort_right", "comfort, right", COMFORT, -comfort.lateral_acceleration),
+    ];
+    levels.iter().filter(|_| to > from).try_for_each(|(entity, name, colour, level)| {
+        send(context, entity, name, (*colour, 1.0), &[(from, *level), (to, *level)])
+    })
+}
+
+/// A curve as two columns, with its name and look; nothing without points.
+fn send(
+    context: &Context,
+    entity: &str,
+    name: &str,
+    look: (Rgb, f32),
+    points: &[(f64, f64)],
+) -> Result<(), RecordingError> {
+    let finite: Vec<(f64, f64)> = points.iter().filter(|p| p.0.is_finite() && p.1.is_finite()).copied().collect();
+    if finite.is_empty() {
+        return Ok(());
+    }
+    let line = SeriesLines::new().with_names([name]).with_colors([look.0]).with_widths([look.1]);
+    context.log_static(entity, &line)?;
+    let times = TimeColumn::new_duration_secs(TIMELINE, finite.iter().map(|p| p.0));
+    let values = Scalars::new(finite.iter().map(|p| p.1)).columns_of_unit_batches().map_err(RecordingError::made)?;
+    context.stream.send_columns(entity, [times], values).map_err(RecordingError::made)
+}
+
+/// How far the station–time pictures reach: seconds and metres ahead, over all cycles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct StationTime {
+    /// Seconds after the cycle.
+    pub(super) seconds: f64,
+    /// Metres ahead of the vehicle.
+    pub(super) metres: f64,
+}
+
+impl StationTime {
+    /// The reach that holds every committed plan and something beyond it, at least 4 s and 20 m.
+    pub(super) fn of(cycles: &[Cycle]) -> Self {
+        let least = Self { seconds: 4.0, metres: 20.0 };
+        cycles.iter().fold(least, |reach, cycle| {
+            let plan = &cycle.committed;
+            let ahead = plan.profile.last().station - plan.at(cycle.time).station;
+            Self {
+                // `max` drops what is not a number; a run is far shorter than this
+                seconds: reach.seconds.max(plan.end_time() - cycle.time + 0.5).min(120.0),
+                metres: reach.metres.max(1.15 * ahead + 5.0).min(2000.0),
+            }
+        })
+    }
+
+    /// Where a moment lies in the picture: time to the right, stations upwards (y is down in the viewer).
+    fn place(time: f64, station: f64) -> Point {
+        Point::new(SECOND * time, -station)
+    }
+
+    /// The box to show, x and y.
+    pub(super) fn view(&self) -> ([f64; 2], [f64; 2]) {
+        ([-0.6 * SECOND, SECOND * (self.seconds + 0.5)], [-1.08 * self.metres, 0.1 * self.metres])
+    }
+
+    fn clamped(&self, time: f64, station: f64) -> Point {
+        Self::place(time.clamp(0.0, self.seconds), station.clamp(0.0, self.metres))
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // pictures of some hundred metres
+fn flat(points: &[Point]) -> Vec<[f32; 2]> {
+    points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).map(|p| [p.x as f32, p.y as f32]).collect()
+}
+
+fn log_station_time(context: &Context) -> Result<(), RecordingError> {
+    let reach = StationTime::of(&context.run.cycles);
+    log_axes(context, &reach)?;
+    for cycle in &context.run.cycles {
+        context.set_time(cycle.time);
+        let plan = &cycle.committed;
+        let now = plan.at(cycle.time).station;
+        let steps = (reach.seconds / 0.1).ceil();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 1200
+        let curve: Vec<Point> = (0..=steps as usize)
+            .map(|i| reach.seconds * i as f64 / steps)
+            .map(|t| StationTime::place(t, plan.at(cycle.time + t).station - now))
+            .collect();
+        let line = LineStrips2D::new([flat(&curve)]).with_colors([PLAN]).with_radii([pixels(1.5)]);
+        context.log("st/plan", &line.with_draw_order(10.0))?;
+        let cells: Vec<[Point; 4]> =
+            cycle.blocked.iter().filter_map(|cell| corners(&reach, cycle, now, cell)).collect();
+        let ring = |c: &[Point; 4]| flat(&[c[0], c[1], c[2], c[3], c[0]]);
+        let edges = LineStrips2D::new(cells.iter().map(ring)).with_colors([BLOCKED_EDGE]);
+        context.log("st/blocked", &edges.with_radii([pixels(0.8)]).with_draw_order(6.0))?;
+        let filled = cells.iter().take(FILLED_CELLS).flat_map(|c| hatch(c)).map(|stroke| flat(&stroke));
+        let fill = LineStrips2D::new(filled).with_colors([BLOCKED]).with_radii([metres(HATCH_RADIUS)]);
+        context.log("st/blocked/fill", &fill.with_draw_order(5.0))?;
+    }
+    Ok(())
+}
+
+/// Corners of a blocked cell; `None` where it is out of the picture.
+fn corners(
+    reach: &StationTime,
+    cycle: &Cycle,
+    now: f64,
+    &((near, far), (from, to)): &((f64, f64), (f64, f64)),
+) -> Option<[Point; 4]> {
+    let low = reach.clamped(from - cycle.time, near - now);
+    let high = reach.clamped(to - cycle.time, far - now);
+    let seen = high.x > low.x && low.y > high.y;
+    seen.then_some([low, Point::new(high.x, low.y), high, Point::new(low.x, high.y)])
+}
+
+fn log_axes(context: &Context, reach: &StationTime) -> Result<(), RecordingError> {
+    let second = if reach.seconds > 12.0 { 5.0 } else { 1.0 };
+    let metre = if reach.metres > 100.0 { 50.0 } else { 10.0 };
+    let steps = |end: f64, step: f64| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 200
+        let count = (end / step + 1e-9).floor() as u32;
+        (0..=count).map(move |i| step * f64::from(i))
+    };
+    let across =
+        steps(reach.seconds, second).map(|t| [StationTime::place(t, 0.0), StationTime::place(t, reach.metres)]);
+    let along = steps(reach.metres, metre).map(|s| [StationTime::place(0.0, s), StationTime::place(reach.seconds, s)]);
+    let grid = LineStrips2D::new(across.chain(along).map(|line| flat(&line))).with_colors([GRID]);
+    context.log_static("st/grid", &grid.with_radii([pixels(0.5)]).with_draw_order(0.0))?;
+    let times = steps(reach.seconds, second).skip(1).map(|t| (StationTime::place(t, 0.0), format!("{t:.0} s")));
+    let stations = steps(reach.metres, metre).skip(1).map(|s| (StationTime::place(0.0, s), format!("{s:.0} m")));
+    let (places, labels): (Vec<Point>, Vec<String>) = times.chain(stations).unzip();
+    let ticks = Points2D::new(flat(&places)).with_labels(labels).with_show_labels(true).with_colors([AXIS]);
+    context.log_static("st/ticks", &ticks.with_radii([pixels(1.0)]).with_draw_order(1.0))
+}

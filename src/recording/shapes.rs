@@ -1,0 +1,203 @@
+//! What Rerun's 2D views lack: filled shapes and dashed lines, made of line strips and an image.
+
+use super::style::{self, Rgb};
+use crate::geometry::Point;
+use crate::geometry::Pose;
+use crate::geometry::polyline::Polyline;
+use crate::map::RoadNetwork;
+use crate::plot::outline::Bounds;
+use crate::vehicle::Vehicle;
+
+/// Half the distance between two strokes of a hatch, m: also the radius to draw it with.
+pub(super) const HATCH_RADIUS: f64 = 0.15;
+/// Strokes of one hatch at most: large buildings stay hollow in parts rather than cost more than the rest.
+const MOST_STROKES: f64 = 400.0;
+
+/// Strokes that cover a polygon (even–odd rule) when drawn with [`HATCH_RADIUS`]; they run along its longest side and
+/// end where their round ends touch the border. Empty for polygons thinner than a stroke.
+pub(super) fn hatch(polygon: &[Point]) -> Vec<[Point; 2]> {
+    let sides = (0..polygon.len()).map(|i| polygon[(i + 1) % polygon.len()] - polygon[i]);
+    let Some(longest) = sides.max_by(|a, b| a.norm().total_cmp(&b.norm())).filter(|s| s.norm() > 0.0) else {
+        return Vec::new();
+    };
+    let frame = Pose { position: polygon[0], yaw: longest.y.atan2(longest.x) };
+    let local: Vec<Point> = polygon.iter().map(|p| frame.to_local(*p)).collect();
+    let Some(bounds) = Bounds::around(&local) else { return Vec::new() };
+    let room = bounds.height() - 2.0 * HATCH_RADIUS;
+    if room < 0.0 {
+        return Vec::new();
+    }
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count, bounded
+    let gaps = (room / (2.0 * HATCH_RADIUS)).ceil().min(MOST_STROKES) as usize;
+    (0..=gaps)
+        .map(|i| bounds.min.y + HATCH_RADIUS + room * i as f64 / gaps.max(1) as f64)
+        .flat_map(|y| crossings(&local, y).chunks_exact(2).map(|ends| (y, ends[0], ends[1])).collect::<Vec<_>>())
+        .filter(|(_, left, right)| right - left > 2.0 * HATCH_RADIUS)
+        .map(|(y, left, right)| [left + HATCH_RADIUS, right - HATCH_RADIUS].map(|x| frame.to_world(Point::new(x, y))))
+        .collect()
+}
+
+/// Where a polygon's sides cross the horizontal line at `y`, in order of x.
+fn crossings(polygon: &[Point], y: f64) -> Vec<f64> {
+    let mut found: Vec<f64> = (0..polygon.len())
+        .map(|i| (polygon[i], polygon[(i + 1) % polygon.len()]))
+        .filter(|(a, b)| (a.y > y) != (b.y > y))
+        .map(|(a, b)| a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x))
+        .collect();
+    found.sort_by(f64::total_cmp);
+    found
+}
+
+/// The dashes of a line.
+pub(super) fn dashes(line: &Polyline, dash: f64, gap: f64) -> Vec<Vec<Point>> {
+    let mut pieces = Vec::new();
+    let mut from = 0.0;
+    while from < line.length() {
+        pieces.extend(line.slice(from, from + dash).map(|piece| piece.points().to_vec()));
+        from += dash + gap;
+    }
+    pieces
+}
+
+/// An arrow head over the bonnet, so that the front can be told, in the rear-axle frame.
+pub(super) fn arrow_head(vehicle: &Vehicle) -> [Point; 3] {
+    let front = vehicle.front_overhang_from_rear_axle();
+    let (back, half) = (front - 0.28 * vehicle.length, 0.32 * vehicle.width);
+    [Point::new(back, half), Point::new(front - 0.08 * vehicle.length, 0.0), Point::new(back, -half)]
+}
+
+/// The road surface as an image.
+pub(super) struct Surface {
+    /// Pixels, red, green, blue; the first row is the lowest in y.
+    pub(super) rgb: Vec<u8>,
+    /// Width and height, px.
+    pub(super) size: [u32; 2],
+    /// Lower left corner of the image in the world.
+    pub(super) corner: Point,
+    /// Size of a pixel, m.
+    pub(super) pixel: f64,
+}
+
+/// Pixels of a surface at most, and the finest useful size of one, m.
+const MOST_PIXELS: f64 = 1.5e6;
+const FINEST_PIXEL: f64 = 0.1;
+
+impl Surface {
+    /// Paints the lanelets that reach into `bounds`.
+    pub(super) fn paint(network: &RoadNetwork, bounds: &Bounds) -> Self {
+        let pixel = (bounds.width() * bounds.height() / MOST_PIXELS).sqrt().max(FINEST_PIXEL);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // bounded by the pixel size
+        let size = [bounds.width(), bounds.height()].map(|length| (length / pixel).ceil().clamp(1.0, 1e5) as u32);
+        let (r, g, b) = style::GROUND;
+        let rgb = [r, g, b].repeat(size[0] as usize * size[1] as usize);
+        let mut surface = Self { rgb, size, corner: bounds.min, pixel };
+        // roads last: where a crosswalk meets a lane, the lane is seen
+        for drivable in [false, true] {
+            for lanelet in network.lanelets.values().filter(|l| l.is_drivable() == drivable) {
+                let outline = lanelet.outline();
+                if bounds.shows(&outline) {
+                    surface.fill(&outline, if drivable { style::ROAD } else { style::WAY });
+                }
+            }
+        }
+        surface
+    }
+
+    /// Fills a polygon (even–odd rule, a pixel counts by its middle).
+    fn fill(&mut self, polygon: &[Point], (r, g, b): Rgb) {
+        let local: Vec<Point> = polygon.iter().map(|p| Point::from((p - self.corner) / self.pixel)).collect();
+        let Some(bounds) = Bounds::around(&local) else { return };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to the image
+        let column = |x: f64, last: u32| (x - 0.5).ceil().clamp(0.0, f64::from(last)) as usize;
+        let width = self.size[0] as usize;
+        for row in column(bounds.min.y, self.size[1])..column(bounds.max.y, self.size[1]) {
+            for pair in crossings(&local, row as f64 + 0.5).chunks_exact(2) {
+                let (from, to) = (column(pair[0], self.size[0]), column(pair[1], self.size[0]));
+                for pixel in self.rgb[3 * (row * width + from)..3 * (row * width + to.max(from))].chunks_exact_mut(3) {
+                    pixel.copy_from_slice(&[r, g, b]);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plot::example::Example;
+    use crate::plot::outline::footprint;
+
+    /// Distance from a point to a stroke.
+    fn distance(p: Point, [a, b]: &[Point; 2]) -> f64 {
+        let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+        (p - (a + (b - a) * along)).norm()
+    }
+
+    #[test]
+    fn the_hatch_covers_a_turned_rectangle_and_stays_in_it() {
+        let example = Example::new();
+        let frame = Pose::new(3.0, -2.0, 0.7);
+        let polygon = footprint(&example.vehicle, &frame);
+        let strokes = hatch(&polygon);
+        for i in 0..=40 {
+            for j in 0..=20 {
+                // a hair inside, where the round ends of the strokes reach
+                let (u, v) = (0.02 + 0.96 * f64::from(i) / 40.0, 0.04 + 0.92 * f64::from(j) / 20.0);
+                let p = polygon[0] + (polygon[1] - polygon[0]) * u + (polygon[3] - polygon[0]) * v;
+                let nearest = strokes.iter().map(|s| distance(p, s)).fold(f64::INFINITY, f64::min);
+                assert!(nearest < HATCH_RADIUS + 0.02, "{p} is {nearest} m off");
+            }
+        }
+        let corner = frame.to_local(polygon[2]);
+        let stays = |p: &Point| {
+            let local = frame.to_local(*p);
+            local.x <= corner.x - HATCH_RADIUS + 1e-9 && local.y.abs() <= corner.y - HATCH_RADIUS + 1e-9
+        };
+        assert!(strokes.iter().flatten().all(stays));
+    }
+
+    #[test]
+    fn the_hatch_leaves_the_dent_of_a_concave_polygon_free() {
+        let u = [(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (4.0, 4.0), (4.0, 1.0), (2.0, 1.0), (2.0, 4.0), (0.0, 4.0)];
+        let polygon = u.map(|(x, y)| Point::new(x, y));
+        let strokes = hatch(&polygon);
+        let covered = |x: f64, y: f64| strokes.iter().any(|s| distance(Point::new(x, y), s) <= HATCH_RADIUS);
+        assert!(covered(1.0, 3.0) && covered(5.0, 3.0) && covered(3.0, 0.5));
+        assert!(!covered(3.0, 3.0));
+    }
+
+    #[test]
+    fn what_is_too_thin_or_no_polygon_has_no_hatch() {
+        assert!(hatch(&[]).is_empty());
+        assert!(hatch(&[Point::origin(); 3]).is_empty());
+        let thin = [(0.0, 0.0), (5.0, 0.0), (5.0, 0.1), (0.0, 0.1)].map(|(x, y)| Point::new(x, y));
+        assert!(hatch(&thin).is_empty());
+    }
+
+    #[test]
+    fn dashes_have_their_length_and_leave_gaps() {
+        let line = Polyline::new([Point::origin(), Point::new(10.0, 0.0)]).unwrap();
+        let found = dashes(&line, 3.0, 4.0);
+        let ends: Vec<(f64, f64)> = found.iter().map(|d| (d[0].x, d[d.len() - 1].x)).collect();
+        assert_eq!(ends, [(0.0, 3.0), (7.0, 10.0)]);
+    }
+
+    #[test]
+    fn the_surface_is_painted_where_a_lane_is() {
+        let example = Example::new();
+        let network = &example.scenario.network;
+        let lane = &network.lanelets[&1];
+        let bounds = Bounds::around(&lane.outline()).unwrap().grown(5.0);
+        let surface = Surface::paint(network, &bounds);
+        let width = surface.size[0] as usize;
+        for row in (0..surface.size[1] as usize).step_by(3) {
+            for column in (0..width).step_by(17) {
+                let middle = nalgebra::Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let p = surface.corner + middle * surface.pixel;
+                let place = 3 * (row * width + column);
+                let on_road = network.lanelets.values().any(|l| l.is_drivable() && l.contains(p));
+                assert_eq!(surface.rgb[place] == style::ROAD.0, on_road, "at {p}");
+            }
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Settings of the rig.
+
+use serde::{Deserialize, Serialize};
+
+use super::SimulationError;
+
+/// How the rig integrates, controls and logs. [`Settings::default`] is what every run uses unless told otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Length of a physics step, s. Default 1 ms: the wheels' spin on their tyres is the fastest motion, about 120 rad/s.
+    pub step: f64,
+    /// Samples a second in the log, Hz. A whole number of steps lies between samples. Default 100.
+    pub log_rate_hz: f64,
+    /// Decisions a second of the tracking controller, Hz; its command holds in between. Default 100.
+    pub control_rate_hz: f64,
+    /// Factor on the tyres' friction: 1 dry, about 0.6 wet, 0.2 ice. Default 1.
+    pub friction_scale: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { step: 0.001, log_rate_hz: 100.0, control_rate_hz: 100.0, friction_scale: 1.0 }
+    }
+}
+
+impl Settings {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// Names the first setting that is out of its range.
+    pub fn validate(&self) -> Result<(), SimulationError> {
+        /// The wheels' spin on their tyres is integrated explicitly: longer steps would make it unstable.
+        const LONGEST_STEP: f64 = 0.002;
+        let check = |name, value: f64, ok: bool, expected| {
+            if ok { Ok(()) } else { Err(SimulationError::Setting { name, value, expected }) }
+        };
+        check("step", self.step, self.step >= 1e-5 && self.step <= LONGEST_STEP, "from 0.00001 to 0.002 s")?;
+        for (name, rate) in [("log_rate_hz", self.log_rate_hz), ("control_rate_hz", self.control_rate_hz)] {
+            check(name, rate, rate > 0.0 && rate * self.step <= 1.0, "positive, at most one a step")?;
+        }
+        let scale = self.friction_scale;
+        check("friction_scale", scale, scale > 0.0 && scale <= 10.0, "above 0, at most 10")
+    }
+
+    /// Steps between log samples, at least one.
+    pub(super) fn steps_per_sample(&self) -> u64 {
+        steps_between(self.log_rate_hz, self.step)
+    }
+
+    /// Steps between decisions of the controller, at least one.
+    pub(super) fn steps_per_decision(&self) -> u64 {
+        steps_between(self.control_rate_hz, self.step)
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from 1 to 1e5 a second, or slower
+fn steps_between(rate: f64, step: f64) -> u64 {
+    (1.0 / (rate * step)).round().clamp(1.0, 1e9) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_setting_out_of_range_is_named() {
+        Settings::default().validate().unwrap();
+        let bad = [
+            ("step", Settings { step: 0.0, ..Settings::default() }),
+            ("step", Settings { step: f64::NAN, ..Settings::default() }),
+            ("step", Settings { step: 0.01, ..Settings::default() }),
+            ("log_rate_hz", Settings { log_rate_hz: 0.0, ..Settings::default() }),
+            ("log_rate_hz", Settings { log_rate_hz: f64::INFINITY, ..Settings::default() }),
+            ("control_rate_hz", Settings { control_rate_hz: f64::NAN, ..Settings::default() }),
+            ("friction_scale", Settings { friction_scale: -1.0, ..Settings::default() }),
+        ];
+        for (name, settings) in bad {
+            let message = settings.validate().expect_err(name).to_string();
+            assert!(message.contains(name), "{message}");
+        }
+    }
+
+    #[test]
+    fn unknown_keys_are_refused_and_missing_ones_default() {
+        assert!(toml::from_str::<Settings>("friction_scal = 0.5").is_err());
+        let settings: Settings = toml::from_str("friction_scale = 0.5").unwrap();
+        assert_eq!(settings, Settings { friction_scale: 0.5, ..Settings::default() });
+    }
+}

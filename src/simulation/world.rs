@@ -1,0 +1,287 @@
+//! The rapier world: bodies, colliders, the clock, contacts and the log.
+
+use std::sync::Arc;
+
+use rapier2d::dynamics::RigidBodyHandle;
+use rapier2d::geometry::ColliderHandle;
+
+use super::actuators::{ActuatorState, Command};
+use super::chassis::{GRAVITY, Motion, RunningGear, Wrench};
+use super::convert::{Frame, point};
+use super::obstacles::{Obstacles, REVIEW};
+use super::physics::Physics;
+use super::{Contact, Log, Sample, Settings, SimulationError, controller};
+use crate::geometry::{Pose, Vector, wrap_angle};
+use crate::map::Obstacle;
+use crate::trajectory::{Trajectory, TrajectoryPoint};
+use crate::vehicle::{State, Vehicle};
+
+/// A vehicle among obstacles, at a moment of a run. A clone goes its own way from there on: it is how a fallback is tried
+/// out in the middle of a run.
+#[derive(Clone)]
+pub struct World {
+    vehicle: Arc<Vehicle>,
+    settings: Settings,
+    physics: Physics,
+    frame: Frame,
+    obstacles: Obstacles,
+    chassis: RigidBodyHandle,
+    footprint: ColliderHandle,
+    gear: RunningGear,
+    actuators: ActuatorState,
+    command: Command,
+    /// What the tyres and the air did to the body in the last step.
+    wrench: Wrench,
+    start_time: f64,
+    steps: u64,
+    /// Continuous yaw of the last measurement, rad.
+    yaw: f64,
+    ended: Option<Ended>,
+}
+
+/// Why a run cannot go on.
+#[derive(Debug, Clone, Copy)]
+enum Ended {
+    Contact(Contact),
+    Broke(f64),
+}
+
+/// What the log calls wanted.
+struct Wanted {
+    pose: Pose,
+    speed: f64,
+    station: f64,
+}
+
+impl World {
+    /// Puts the vehicle at its initial state among the obstacles. Wheels roll without slip and the actuators have settled
+    /// on the initial acceleration and steering.
+    ///
+    /// # Errors
+    /// A setting out of its range, or a number that is not finite in the initial state or in an obstacle.
+    pub fn new(
+        vehicle: &Vehicle,
+        obstacles: &[Obstacle],
+        initial: &State,
+        settings: &Settings,
+    ) -> Result<Self, SimulationError> {
+        settings.validate()?;
+        let State { time, pose, speed, acceleration, yaw_rate, steering } = *initial;
+        if ![time, pose.position.x, pose.position.y, pose.yaw, speed, acceleration, yaw_rate, steering]
+            .iter()
+            .all(|v| v.is_finite())
+        {
+            return Err(SimulationError::InitialState(format!("{initial:?}")));
+        }
+        let frame = Frame::at(pose.position);
+        let mut physics = Physics::new(settings.step);
+        let (chassis, footprint) = physics.insert_vehicle(vehicle, &frame, initial);
+        let resistance = controller::resistance(vehicle, speed);
+        let effort = if speed == 0.0 && acceleration == 0.0 { 0.0 } else { acceleration + resistance };
+        let obstacles = Obstacles::new(obstacles, &frame)?;
+        let gear = RunningGear::rolling(vehicle, speed, acceleration, settings.friction_scale);
+        let mut world = Self {
+            vehicle: Arc::new(vehicle.clone()),
+            settings: *settings,
+            physics,
+            frame,
+            obstacles,
+            chassis,
+            footprint,
+            gear,
+            actuators: ActuatorState::settled(vehicle, effort, steering, speed),
+            command: Command { acceleration: effort, steering },
+            wrench: Wrench { forward: vehicle.mass * acceleration, ..Wrench::default() },
+            start_time: time,
+            steps: 0,
+            yaw: pose.yaw,
+            ended: None,
+        };
+        world.place_obstacles();
+        Ok(world)
+    }
+
+    /// Time of the run, s.
+    #[must_use]
+    pub fn time(&self) -> f64 {
+        self.start_time + self.steps as f64 * self.settings.step
+    }
+
+    /// Whether the run is over: contact, or broken numbers. Nothing moves any more then.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.ended.is_some()
+    }
+
+    /// The vehicle as measured now.
+    #[must_use]
+    pub fn state(&self) -> State {
+        let (pose, motion) = self.measured();
+        State {
+            time: self.time(),
+            pose,
+            speed: motion.forward,
+            acceleration: self.wrench.forward / self.vehicle.mass,
+            yaw_rate: motion.yaw_rate,
+            steering: self.actuators.steering,
+        }
+    }
+
+    /// Drives along the trajectory until the time `until` (s of the run), logging at the settings' rate. Ends early, with
+    /// the reason in the log, on contact or on numbers that are not finite; a world that has ended stays as it is.
+    pub fn follow(&mut self, trajectory: &Trajectory, until: f64, log: &mut Log) {
+        let (vehicle, period) = (Arc::clone(&self.vehicle), 1.0 / self.settings.control_rate_hz);
+        self.run(
+            until,
+            log,
+            |state| controller::command(&vehicle, trajectory, state, period),
+            |state| {
+                let TrajectoryPoint { pose, speed, station, .. } = trajectory.at(state.time);
+                Wanted { pose, speed, station }
+            },
+        );
+    }
+
+    /// Holds one command until the time `until`, as an emergency stop does: no trajectory, no controller. What the log
+    /// calls wanted is what was measured.
+    pub fn hold(&mut self, command: Command, until: f64, log: &mut Log) {
+        self.run(until, log, |_| command, |state| Wanted { pose: state.pose, speed: state.speed, station: 0.0 });
+    }
+
+    /// Steps up to `until`: decide, step, look for contacts, log.
+    fn run(
+        &mut self,
+        until: f64,
+        log: &mut Log,
+        decide: impl Fn(&State) -> Command,
+        wanted: impl Fn(&State) -> Wanted,
+    ) {
+        let (decision, sample) = (self.settings.steps_per_decision(), self.settings.steps_per_sample());
+        let half = 0.5 * self.settings.step;
+        let mut first = true;
+        while self.ended.is_none() && self.time() + half < until {
+            if first || self.steps.is_multiple_of(decision) {
+                let command = decide(&self.state());
+                if !(command.acceleration.is_finite() && command.steering.is_finite()) {
+                    self.ended = Some(Ended::Broke(self.time()));
+                    break;
+                }
+                self.command = command;
+            }
+            if log.samples.is_empty() {
+                log.samples.push(self.sample(&wanted(&self.state())));
+            }
+            first = false;
+            self.step();
+            if self.ended.is_some() || self.steps.is_multiple_of(sample) {
+                log.samples.push(self.sample(&wanted(&self.state())));
+            }
+        }
+        if self.ended.is_none() {
+            // contacts of the last poses: a step finds those of the poses before it
+            self.physics.find_contacts();
+            let state = self.state();
+            self.ended = self.contact(state.time, state.speed).map(Ended::Contact);
+        }
+        match self.ended {
+            Some(Ended::Contact(contact)) => log.contact = Some(contact),
+            Some(Ended::Broke(time)) => log.broke_at = Some(time),
+            None => {}
+        }
+    }
+
+    /// One step of physics. Contacts are those of the poses before the step.
+    fn step(&mut self) {
+        let (time, dt) = (self.time(), self.settings.step);
+        let (_, motion) = self.measured();
+        self.actuators.step(&self.vehicle, &self.command, motion.forward, dt);
+        let wrench = self.gear.step(&self.vehicle, &self.actuators, &motion, dt);
+        if ![wrench.forward, wrench.left, wrench.yaw].iter().all(|v| v.is_finite()) {
+            self.ended = Some(Ended::Broke(time));
+            return;
+        }
+        self.wrench = wrench;
+        self.physics.push(self.chassis, &wrench);
+        self.obstacles.drive(&mut self.physics.bodies, time + dt);
+        let sane = self.physics.step();
+        let contact = self.contact(time, motion.forward);
+        self.steps += 1;
+        self.yaw += wrap_angle(self.rear_axle().yaw - self.yaw);
+        self.place_obstacles();
+        if let Some(contact) = contact {
+            self.ended = Some(Ended::Contact(contact));
+        } else if !sane {
+            self.ended = Some(Ended::Broke(time + dt));
+        }
+    }
+
+    /// Gives the obstacles that exist now their bodies; from time to time, decides which of them are near.
+    fn place_obstacles(&mut self) {
+        let time = self.time();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 50 to 10,000 steps: see Settings::validate
+        let interval = (REVIEW / self.settings.step) as u64;
+        if self.steps.is_multiple_of(interval) {
+            let (pose, motion) = self.measured();
+            let strongest = self.settings.friction_scale * self.vehicle.tyres.friction * GRAVITY;
+            let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
+            // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
+            let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;
+            let outline = self.vehicle.footprint().iter().fold(0.0, |r: f64, p| r.max(p.coords.norm()));
+            self.obstacles.review(time, pose.position, outline + travel);
+        }
+        self.obstacles.place(&mut self.physics, time);
+    }
+
+    /// The deepest contact with an obstacle of the lowest index, if any is touched.
+    fn contact(&self, time: f64, speed: f64) -> Option<Contact> {
+        let touching = self.physics.narrow_phase.contact_pairs_with(self.footprint).filter_map(|pair| {
+            let (_, deepest) = pair.find_deepest_contact()?;
+            if deepest.dist > 0.0 {
+                return None;
+            }
+            let (other, here) = if pair.collider1 == self.footprint {
+                (pair.collider2, deepest.local_p1)
+            } else {
+                (pair.collider1, deepest.local_p2)
+            };
+            let index = self.physics.colliders.get(other)?.user_data;
+            Some((index, deepest.dist, here))
+        });
+        let first = touching.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))?;
+        let at = point(first.2) + Vector::new(self.vehicle.rear_axle_to_centre, 0.0);
+        Some(Contact { time, obstacle: self.obstacles.id(first.0)?, at_rear_axle_frame: at, speed })
+    }
+
+    fn rear_axle(&self) -> Pose {
+        let body = &self.physics.bodies[self.chassis];
+        self.frame.pose_out(body.position()).advanced(-self.vehicle.rear_axle_to_mass)
+    }
+
+    /// Rear-axle pose, and the motion of the centre of mass in the body's frame. The forward speed is that of the rear
+    /// axle too.
+    fn measured(&self) -> (Pose, Motion) {
+        let body = &self.physics.bodies[self.chassis];
+        let velocity = body.rotation().inverse_transform_vector(body.linvel());
+        let motion = Motion { forward: velocity.x, left: velocity.y, yaw_rate: body.angvel() };
+        (Pose { yaw: self.yaw, ..self.rear_axle() }, motion)
+    }
+
+    fn sample(&self, wanted: &Wanted) -> Sample {
+        let (pose, motion) = self.measured();
+        Sample {
+            time: self.time(),
+            pose,
+            speed: motion.forward,
+            lateral_speed: motion.left - motion.yaw_rate * self.vehicle.rear_axle_to_mass,
+            yaw_rate: motion.yaw_rate,
+            acceleration: self.wrench.forward / self.vehicle.mass,
+            lateral_acceleration: self.wrench.left / self.vehicle.mass,
+            steering: self.actuators.steering,
+            commanded_acceleration: self.command.acceleration,
+            commanded_steering: self.command.steering,
+            wanted_pose: wanted.pose,
+            wanted_speed: wanted.speed,
+            wanted_station: wanted.station,
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! `dynamics.toml`: tyres, actuators, limits and comfort. Unknown keys are refused, every key is required.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::{Actuators, Comfort, Limits, Tyres, VehicleError};
+
+/// What the file says, checked.
+#[derive(Debug)]
+pub(super) struct Dynamics {
+    pub(super) commonroad_type: Option<u8>,
+    limits: LimitsTable,
+    pub(super) tyres: Tyres,
+    pub(super) actuators: Actuators,
+    pub(super) comfort: Comfort,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    commonroad_type: Option<u8>,
+    limits: LimitsTable,
+    #[serde(with = "TyresTable")]
+    tyres: Tyres,
+    #[serde(with = "ActuatorsTable")]
+    actuators: Actuators,
+    #[serde(with = "ComfortTable")]
+    comfort: Comfort,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LimitsTable {
+    steering_acceleration: f64,
+    speed: f64,
+    acceleration: f64,
+    switching_speed: f64,
+    deceleration: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "Tyres", deny_unknown_fields)]
+struct TyresTable {
+    friction: f64,
+    cornering_front: f64,
+    cornering_rear: f64,
+    longitudinal: f64,
+    relaxation_length: f64,
+    rolling_resistance: f64,
+    drag: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "Actuators", deny_unknown_fields)]
+struct ActuatorsTable {
+    drive_lag: f64,
+    brake_lag: f64,
+    steering_lag: f64,
+    drive_front_share: f64,
+    brake_front_share: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(remote = "Comfort", deny_unknown_fields)]
+struct ComfortTable {
+    acceleration: f64,
+    deceleration: f64,
+    aggressive_deceleration: f64,
+    lateral_acceleration: f64,
+    jerk: f64,
+}
+
+impl Dynamics {
+    /// The limits, completed by those of the steering joints.
+    pub(super) fn limits(&self, steering: f64, steering_rate: f64) -> Limits {
+        let LimitsTable { steering_acceleration, speed, acceleration, switching_speed, deceleration } = self.limits;
+        Limits { steering, steering_rate, steering_acceleration, speed, acceleration, switching_speed, deceleration }
+    }
+}
+
+/// Reads and checks the file's text.
+pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
+    let File { commonroad_type, limits, tyres, actuators, comfort } = toml::from_str(text)
+        .map_err(|e| VehicleError::Toml { file: file.to_owned(), message: e.to_string().trim_end().to_owned() })?;
+    let check = |element: &str, value: f64, ok: bool, expected| {
+        if ok && value.is_finite() {
+            return Ok(());
+        }
+        Err(VehicleError::Element {
+            file: file.to_owned(),
+            element: element.into(),
+            found: value.to_string(),
+            expected,
+        })
+    };
+    for (element, value) in [
+        ("limits.steering_acceleration", limits.steering_acceleration),
+        ("limits.speed", limits.speed),
+        ("limits.acceleration", limits.acceleration),
+        ("limits.switching_speed", limits.switching_speed),
+        ("limits.deceleration", limits.deceleration),
+        ("tyres.friction", tyres.friction),
+        ("tyres.cornering_front", tyres.cornering_front),
+        ("tyres.cornering_rear", tyres.cornering_rear),
+        ("tyres.longitudinal", tyres.longitudinal),
+        ("tyres.relaxation_length", tyres.relaxation_length),
+        ("actuators.drive_lag", actuators.drive_lag),
+        ("actuators.brake_lag", actuators.brake_lag),
+        ("actuators.steering_lag", actuators.steering_lag),
+        ("comfort.acceleration", comfort.acceleration),
+        ("comfort.deceleration", comfort.deceleration),
+        ("comfort.lateral_acceleration", comfort.lateral_acceleration),
+        ("comfort.jerk", comfort.jerk),
+    ] {
+        check(element, value, value > 0.0, "a positive finite number")?;
+    }
+    for (element, value) in [("tyres.rolling_resistance", tyres.rolling_resistance), ("tyres.drag", tyres.drag)] {
+        check(element, value, value >= 0.0, "a finite number, not negative")?;
+    }
+    for (element, value) in [
+        ("actuators.drive_front_share", actuators.drive_front_share),
+        ("actuators.brake_front_share", actuators.brake_front_share),
+    ] {
+        check(element, value, (0.0..=1.0).contains(&value), "a share from 0 to 1")?;
+    }
+    let aggressive = comfort.aggressive_deceleration;
+    check(
+        "comfort.aggressive_deceleration",
+        aggressive,
+        aggressive >= comfort.deceleration,
+        "a finite number, not below comfort.deceleration",
+    )?;
+    Ok(Dynamics { commonroad_type, limits, tyres, actuators, comfort })
+}

@@ -1,0 +1,304 @@
+//! `vehicle.urdf`: masses, inertia, axles, steering limits and outline, read with `urdf-rs`.
+//!
+//! What is expected of the URDF: one root link with an inertial element and a collision box that is the outline; wheel
+//! links on continuous joints, two of them turned by revolute joints about the vertical (the steering). The frame of the
+//! root link may lie anywhere: every length is taken from the wheels. Mass, centre of mass and yaw inertia are summed
+//! over all links by the parallel axis theorem.
+//!
+//! Weak where: joints are taken in their zero position, and rotated frames (`rpy`) are followed for positions and for yaw
+//! only as far as the plane needs: an inertial frame that is rolled or pitched is refused.
+
+use std::path::Path;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use urdf_rs::{Geometry, Joint, JointType, Link, Robot};
+
+use super::VehicleError;
+
+/// What the file says about the body.
+#[derive(Debug)]
+pub(super) struct Body {
+    pub(super) length: f64,
+    pub(super) width: f64,
+    pub(super) wheelbase: f64,
+    pub(super) rear_axle_to_centre: f64,
+    pub(super) rear_axle_to_mass: f64,
+    pub(super) mass_height: f64,
+    pub(super) track_width: f64,
+    pub(super) mass: f64,
+    pub(super) yaw_inertia: f64,
+    pub(super) wheel_radius: f64,
+    pub(super) wheel_inertia: f64,
+    pub(super) steering: f64,
+    pub(super) steering_rate: f64,
+}
+
+/// Elements nest a handful deep in a URDF. The reader behind `urdf-rs` is recursive: deeper files would cost the stack.
+const MAX_DEPTH: usize = 64;
+
+/// Frames may lie this far off (m, rad) what they should be: files are written with rounded decimals.
+const FRAME_TOLERANCE: f64 = 1e-3;
+
+/// Reads and checks the file's text.
+pub(super) fn read(file: &Path, text: &str) -> Result<Body, VehicleError> {
+    let with_inertial = check_xml(file, text)?;
+    let robot = urdf_rs::read_from_string(text)
+        .map_err(|e| VehicleError::NotUrdf { file: file.to_owned(), message: e.to_string() })?;
+    Reader { file, robot: &robot, with_inertial }.body()
+}
+
+/// Checks what `urdf-rs` takes for granted, and returns the names of the links that have an inertial element (absent
+/// ones are indistinguishable from zeros afterwards).
+fn check_xml(file: &Path, text: &str) -> Result<Vec<String>, VehicleError> {
+    let not_urdf = |message: String| VehicleError::NotUrdf { file: file.to_owned(), message };
+    let document = roxmltree::Document::parse(text)
+        .map_err(|e| VehicleError::NotXml { file: file.to_owned(), message: e.to_string() })?;
+    let root = document.root_element();
+    let is_xacro = |uri: &str| uri.contains("xacro");
+    if root.namespaces().any(|n| is_xacro(n.uri()) || n.name() == Some("xacro"))
+        || document.descendants().any(|n| n.tag_name().namespace().is_some_and(is_xacro))
+    {
+        return Err(VehicleError::Xacro { file: file.to_owned() });
+    }
+    if root.tag_name().name() != "robot" {
+        return Err(not_urdf(format!("the root element is <{}>, expected <robot>", root.tag_name().name())));
+    }
+    if let Some(deep) = document.descendants().find(|n| n.ancestors().take(MAX_DEPTH + 1).count() > MAX_DEPTH) {
+        let line = document.text_pos_at(deep.range().start).row;
+        return Err(not_urdf(format!("line {line}: elements are nested more than {MAX_DEPTH} deep")));
+    }
+    let has_inertial = |n: &roxmltree::Node<'_, '_>| n.children().any(|c| c.has_tag_name("inertial"));
+    let links = root.children().filter(|n| n.has_tag_name("link")).filter(has_inertial);
+    Ok(links.filter_map(|n| n.attribute("name").map(str::to_owned)).collect())
+}
+
+/// A link's place in the root frame, with the joint that carries it.
+struct Placed<'a> {
+    link: &'a Link,
+    frame: Isometry3<f64>,
+    joint: Option<&'a Joint>,
+    /// The revolute joint that turns it, somewhere between it and the root.
+    steered_by: Option<&'a Joint>,
+}
+
+struct Wheel<'a> {
+    at: nalgebra::Vector3<f64>,
+    steered_by: Option<&'a Joint>,
+    radius: f64,
+    inertia: f64,
+}
+
+struct Reader<'a> {
+    file: &'a Path,
+    robot: &'a Robot,
+    with_inertial: Vec<String>,
+}
+
+impl<'a> Reader<'a> {
+    fn element<T>(&self, element: String, found: impl Into<String>, expected: &'static str) -> Result<T, VehicleError> {
+        Err(VehicleError::Element { file: self.file.to_owned(), element, found: found.into(), expected })
+    }
+
+    fn body(&self) -> Result<Body, VehicleError> {
+        let links = self.placed_links()?;
+        let wheels = self.wheels(&links)?;
+        let (front, rear): (Vec<_>, Vec<_>) = wheels.iter().partition(|w| w.steered_by.is_some());
+        let pair = |axle: &[&Wheel<'_>], name: &str| {
+            match axle {
+            [a, b] if a.at.y * b.at.y < 0.0 && (a.at.x - b.at.x).abs() < FRAME_TOLERANCE => {
+                Ok((f64::midpoint(a.at.x, b.at.x), (a.at.y - b.at.y).abs()))
+            }
+            _ => self.element(
+                format!("wheels of the {name} axle"),
+                format!("{} wheel(s)", axle.len()),
+                "two wheels on continuous joints, left and right at the same x: the front ones steered, the rear ones not",
+            ),
+        }
+        };
+        let ((front_x, front_track), (rear_x, rear_track)) = (pair(&front, "front")?, pair(&rear, "rear")?);
+        let wheelbase = front_x - rear_x;
+        if wheelbase <= 0.0 {
+            return self.element("wheelbase".into(), format!("{wheelbase} m"), "front wheels before the rear wheels");
+        }
+        let (steering, steering_rate) = self.steering(&front)?;
+        let mean = |f: fn(&Wheel<'_>) -> f64| wheels.iter().map(f).sum::<f64>() / wheels.len() as f64;
+        let (wheel_radius, ground) = (mean(|w| w.radius), mean(|w| w.at.z - w.radius));
+        let (mass, centre, yaw_inertia) = self.mass(&links)?;
+        if centre.y.abs() > FRAME_TOLERANCE {
+            return self.element("centre of mass".into(), format!("{} m to the left", centre.y), "the middle (y = 0)");
+        }
+        let (outline_x, length, width) = self.outline(&links)?;
+        let (rear_axle_to_mass, mass_height) = (centre.x - rear_x, centre.z - ground);
+        if !(0.0..=wheelbase).contains(&rear_axle_to_mass) || mass_height < 0.0 {
+            let found = format!("{rear_axle_to_mass} m before the rear axle, {mass_height} m above the ground");
+            return self.element("centre of mass".into(), found, "between the axles and above the ground");
+        }
+        Ok(Body {
+            length,
+            width,
+            wheelbase,
+            rear_axle_to_centre: outline_x - rear_x,
+            rear_axle_to_mass,
+            mass_height,
+            track_width: f64::midpoint(front_track, rear_track),
+            mass,
+            yaw_inertia,
+            wheel_radius,
+            wheel_inertia: mean(|w| w.inertia),
+            steering,
+            steering_rate,
+        })
+    }
+
+    /// Places every link in the root frame, the root first.
+    fn placed_links(&self) -> Result<Vec<Placed<'a>>, VehicleError> {
+        let robot: &'a Robot = self.robot;
+        for joint in &robot.joints {
+            for end in [&joint.parent.link, &joint.child.link] {
+                if !robot.links.iter().any(|l| l.name == *end) {
+                    return self.element(
+                        format!("joint {}", joint.name),
+                        format!("no link `{end}`"),
+                        "links of this file",
+                    );
+                }
+            }
+        }
+        let mut roots = robot.links.iter().filter(|l| !robot.joints.iter().any(|j| j.child.link == l.name));
+        let (Some(root), None) = (roots.next(), roots.next()) else {
+            let count = robot.links.iter().filter(|l| !robot.joints.iter().any(|j| j.child.link == l.name)).count();
+            return self.element("robot".into(), format!("{count} root links"), "one link that is no joint's child");
+        };
+        let mut placed = vec![Placed { link: root, frame: Isometry3::identity(), joint: None, steered_by: None }];
+        let mut next = 0;
+        while next < placed.len() {
+            let (parent, frame, steered) = (&placed[next].link.name, placed[next].frame, placed[next].steered_by);
+            for joint in robot.joints.iter().filter(|j| j.parent.link == *parent) {
+                let Some(link) = robot.links.iter().find(|l| l.name == joint.child.link) else { continue };
+                if placed.iter().any(|p| p.link.name == link.name) || placed.len() > robot.links.len() {
+                    return self.element(
+                        format!("link {}", link.name),
+                        "carried by two joints",
+                        "one joint for each link",
+                    );
+                }
+                let is_steering = joint.joint_type == JointType::Revolute && joint.axis.xyz[2].abs() > 0.5;
+                let steered_by = if is_steering { Some(joint) } else { steered };
+                let frame = frame * self.isometry(&format!("joint {}", joint.name), &joint.origin)?;
+                placed.push(Placed { link, frame, joint: Some(joint), steered_by });
+            }
+            next += 1;
+        }
+        if placed.len() < robot.links.len() {
+            return self.element("robot".into(), "links that hang on nothing", "a tree of joints without loops");
+        }
+        Ok(placed)
+    }
+
+    fn isometry(&self, element: &str, pose: &urdf_rs::Pose) -> Result<Isometry3<f64>, VehicleError> {
+        let ([x, y, z], [roll, pitch, yaw]) = (pose.xyz.0, pose.rpy.0);
+        if [x, y, z, roll, pitch, yaw].iter().any(|v| !v.is_finite()) {
+            return self.element(element.to_owned(), "an origin that is not finite", "finite numbers");
+        }
+        Ok(Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw)))
+    }
+
+    fn wheels(&self, links: &[Placed<'a>]) -> Result<Vec<Wheel<'a>>, VehicleError> {
+        let carried = links.iter().filter(|p| p.joint.is_some_and(|j| j.joint_type == JointType::Continuous));
+        let mut wheels = Vec::new();
+        for p in carried {
+            let name = format!("link {}", p.link.name);
+            let radius = p.link.collision.iter().find_map(|c| match c.geometry {
+                Geometry::Cylinder { radius, .. } | Geometry::Sphere { radius } => Some(radius),
+                _ => None,
+            });
+            let Some(radius) = radius else {
+                return self.element(name, "no collision cylinder", "a cylinder whose radius is the wheel's");
+            };
+            if !(radius.is_finite() && radius > 0.0) {
+                return self.element(name, format!("radius {radius}"), "a positive finite radius");
+            }
+            let inertia = p.link.inertial.inertia.iyy;
+            if !(inertia.is_finite() && inertia > 0.0) {
+                return self.element(name, format!("iyy {inertia}"), "a positive finite inertia about the axle");
+            }
+            wheels.push(Wheel { at: p.frame.translation.vector, steered_by: p.steered_by, radius, inertia });
+        }
+        if wheels.is_empty() {
+            return self.element("robot".into(), "no wheels", "four wheel links on continuous joints");
+        }
+        Ok(wheels)
+    }
+
+    /// The smallest limits of the steering joints: angle and rate.
+    fn steering(&self, front: &[&Wheel<'_>]) -> Result<(f64, f64), VehicleError> {
+        let (mut angle, mut rate) = (f64::INFINITY, f64::INFINITY);
+        for joint in front.iter().filter_map(|w| w.steered_by) {
+            let limit = &joint.limit;
+            let side = limit.upper.min(-limit.lower);
+            if !(side > 0.0 && side < std::f64::consts::FRAC_PI_2 && limit.velocity > 0.0 && limit.velocity.is_finite())
+            {
+                return self.element(
+                    format!("joint {}", joint.name),
+                    format!("lower {}, upper {}, velocity {}", limit.lower, limit.upper, limit.velocity),
+                    "limits lower < 0 < upper below a right angle (rad), and a positive velocity (rad/s)",
+                );
+            }
+            (angle, rate) = (angle.min(side), rate.min(limit.velocity));
+        }
+        Ok((angle, rate))
+    }
+
+    /// Total mass, its centre in the root frame, and the yaw inertia about that centre.
+    fn mass(&self, links: &[Placed<'a>]) -> Result<(f64, nalgebra::Vector3<f64>, f64), VehicleError> {
+        let mut parts = Vec::new();
+        for p in links {
+            let name = format!("link {}", p.link.name);
+            let is_chassis_or_wheel = p.joint.is_none_or(|j| j.joint_type == JointType::Continuous);
+            if !self.with_inertial.contains(&p.link.name) {
+                if is_chassis_or_wheel {
+                    return self.element(name, "no <inertial>", "mass and inertia of the chassis and of each wheel");
+                }
+                continue;
+            }
+            let (mass, inertia) = (p.link.inertial.mass.value, &p.link.inertial.inertia);
+            let positive = |v: f64| v.is_finite() && (v > 0.0 || (v == 0.0 && !is_chassis_or_wheel));
+            if !positive(mass) {
+                return self.element(name, format!("mass {mass}"), "a positive finite mass (kg)");
+            }
+            if !positive(inertia.izz) {
+                return self.element(name, format!("yaw inertia {}", inertia.izz), "a positive finite izz (kg m²)");
+            }
+            let frame = p.frame * self.isometry(&name, &p.link.inertial.origin)?;
+            if (frame.rotation * nalgebra::Vector3::z()).z < 1.0 - FRAME_TOLERANCE {
+                return self.element(name, "an inertial frame that is rolled or pitched", "z axis up");
+            }
+            parts.push((mass, frame.translation.vector, inertia.izz));
+        }
+        let total: f64 = parts.iter().map(|p| p.0).sum();
+        let centre = parts.iter().map(|(m, at, _)| at * *m).sum::<nalgebra::Vector3<f64>>() / total;
+        let yaw = parts.iter().map(|(m, at, izz)| izz + m * (at - centre).xy().norm_squared()).sum();
+        Ok((total, centre, yaw))
+    }
+
+    /// The outline: x of its middle in the root frame, length and width.
+    fn outline(&self, links: &[Placed<'a>]) -> Result<(f64, f64, f64), VehicleError> {
+        let Some(root) = links.first() else { return self.element("robot".into(), "no links", "a root link") };
+        let name = format!("link {}", root.link.name);
+        let found = root.link.collision.iter().find_map(|c| match c.geometry {
+            Geometry::Box { size } => Some((size.0, &c.origin)),
+            _ => None,
+        });
+        let Some(([length, width, _], origin)) = found else {
+            return self.element(name, "no collision box", "a <box> that is the outline of the vehicle");
+        };
+        let frame = self.isometry(&name, origin)?;
+        let (roll, pitch, yaw) = frame.rotation.euler_angles();
+        let crooked = [roll, pitch, yaw, frame.translation.vector.y].iter().any(|v| v.abs() > FRAME_TOLERANCE);
+        if ![length, width].iter().all(|v| v.is_finite() && *v > 0.0) || crooked {
+            let found = format!("a collision box of {length} m × {width} m");
+            return self.element(name, found, "positive sizes, in the middle (y = 0) and not turned");
+        }
+        Ok((frame.translation.vector.x, length, width))
+    }
+}
