@@ -212,6 +212,35 @@ proptest! {
         }
     }
 
+    /// Every pose driven in a cell lies inside the cell's footprint as a whole, margins included, at any spacing: without
+    /// the bound from curvature and spacing this fails at once.
+    #[test]
+    fn every_driven_pose_lies_in_its_cell(
+        spiral in spirals(0.25), yaw in -3.0..3.0f64, spacing in 0.1..2.0f64, lateral in 0.0..0.5f64, longitudinal in 0.0..0.5f64,
+    ) {
+        let margins = Margins { lateral, longitudinal };
+        let settings = CollisionSettings { spacing, moving_obstacles: margins, ..no_margins() };
+        let start = Pose::new(2e3, -7e3, yaw);
+        let world = world(&scenario(plain(), vec![]), &settings);
+        let sweep = world.sweep(&start, &spiral);
+        for cell in 0..sweep.cells() {
+            let (from, to) = (sweep.stations()[cell], sweep.stations()[cell + 1]);
+            let hull = sweep.footprint(cell, &margins);
+            for i in 0..=20 {
+                let pose = spiral.point_at(&start, from + (to - from) * f64::from(i) / 20.0).pose;
+                for corner in vehicle().footprint() {
+                    let grown = corner + Vector::new((corner.x - 1.4227).signum() * longitudinal, corner.y.signum() * lateral);
+                    let p = pose.to_world(grown);
+                    for j in 0..hull.len() {
+                        let (a, b) = (hull[j], hull[(j + 1) % hull.len()]);
+                        let inside = cross(b - a, p - a) / (b - a).norm();
+                        prop_assert!(inside > 0.0, "{inside} m outside cell {cell} of {spiral:?}, spacing {spacing}");
+                    }
+                }
+            }
+        }
+    }
+
     /// The swept footprint is at most 5 cm larger than what the vehicle covers, at curvatures a car can drive.
     #[test]
     fn footprints_are_at_most_five_centimetres_too_large(spiral in spirals(0.12), yaw in -3.0..3.0f64) {
@@ -347,7 +376,7 @@ fn a_hairline_gap_between_neighbours_is_no_boundary() {
     let lane =
         |id, low: f64, high: f64| lanelet(id, line(&[(0.0, high), (100.0, high)]), line(&[(0.0, low), (100.0, low)]));
     let gap = |g: f64| vec![lane(1, -3.5, 0.0), lane(2, g, 3.5)];
-    for (g, expected) in [(0.0, 1), (0.01, 1), (0.5, 2)] {
+    for (g, expected) in [(0.0, 1), (0.01, 1), (0.015, 2), (0.5, 2)] {
         let world = world(&scenario(gap(g), vec![]), &CollisionSettings::default());
         assert_eq!(rings(&world), expected, "gap {g}");
         let along = world.sweep(&Pose::new(10.0, 0.0, 0.0), &straight(50.0));
@@ -497,7 +526,7 @@ fn a_start_partly_off_the_road_says_how_far_and_can_be_left() {
     let start = Pose::new(0.0, 3.0 - half + 0.3, 0.0);
     let overlap = world.start_overlap(&start, 0.0).unwrap();
     assert_eq!(overlap.what, Blocker::RoadBoundary);
-    assert!((overlap.depth - 0.28).abs() < 1e-3, "{overlap:?}");
+    assert!((overlap.depth - 0.294).abs() < 1e-3, "{overlap:?}");
     assert!(world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0).is_none());
     let back = CubicSpiral { knots: [-0.05, -0.02, 0.02, 0.05], length: 20.0 };
     let sweep = world.sweep(&start, &back);
@@ -666,16 +695,16 @@ fn commonroad_files() -> Vec<std::path::PathBuf> {
 /// On real maps no lanelet loses surface, and the area hardly goes beyond them.
 #[test]
 fn real_maps_keep_every_lanelet() {
-    for file in commonroad_files() {
+    let files = commonroad_files();
+    let mut bad_starts = 0;
+    for file in &files {
         let name = file.file_name().unwrap().to_string_lossy().into_owned();
-        let scenario = stopline::io::commonroad::read_file(&file).unwrap();
+        let scenario = stopline::io::commonroad::read_file(file).unwrap();
         let clock = std::time::Instant::now();
         let world = CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 30.0).unwrap();
         let built = clock.elapsed();
         let road = world.statics().road();
-        let holes: Vec<f64> = road.rings().map(|r| ring_area(&r)).filter(|a| *a < 0.0).collect();
-        let slivers = holes.iter().filter(|a| **a > -1.0).count();
-        let outers = road.rings().count() - holes.len();
+        let outer = road.rings().filter(|r| ring_area(r) > 0.0).count();
         let mut lost = 0;
         for lanelet in scenario.network.lanelets.values() {
             for i in 1..20 {
@@ -692,14 +721,16 @@ fn real_maps_keep_every_lanelet() {
             world.start_overlap(&pose, p.initial.time_step as f64 * scenario.time_step)
         });
         println!(
-            "{name:40} lanelets {:4} segments {:5} outer {outers} holes {:2} of which below 1 m² {slivers} lost {lost} built {:.1} ms start {start:?}",
+            "{name}: {} lanelets, {} rings of which {outer} outer, built in {:.1} ms, start {start:?}",
             scenario.network.lanelets.len(),
-            road.rings().map(|r| r.len()).sum::<usize>(),
-            holes.len(),
+            road.rings().count(),
             built.as_secs_f64() * 1e3,
         );
         assert_eq!(lost, 0, "{name}");
+        bad_starts += usize::from(start.is_some());
     }
+    // the independent referee finds as many starts in a collision or off the road
+    assert!(files.len() != 78 || bad_starts == 6, "{bad_starts} bad starts");
 }
 
 fn ring_area(ring: &[Point]) -> f64 {
