@@ -15,7 +15,7 @@
 //!
 //! Positions are metres from an origin near the start, a whole metre: the viewer computes in `f32`, which would lose
 //! centimetres in UTM coordinates. Its 2D views have y down, so a mirror stands above `map`. They can't fill polygons
-//! either: the road surface is an image, and vehicles are filled with a zigzag line ([`shapes::hatch`]).
+//! either: the road surface is an image, and vehicles are filled with thick strokes (`shapes::hatch`).
 //!
 //! The recording is made in memory and written under a temporary name, so that a file of the wanted name is always
 //! whole. Recordings of one run have the same recording id, not the same bytes: Rerun stamps rows with the clock.

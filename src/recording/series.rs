@@ -153,7 +153,7 @@ fn log_station_time(context: &Context) -> Result<(), RecordingError> {
         let ring = |c: &[Point; 4]| flat(&[c[0], c[1], c[2], c[3], c[0]]);
         let edges = LineStrips2D::new(cells.iter().map(ring)).with_colors([BLOCKED_EDGE]);
         context.log("st/blocked", &edges.with_radii([pixels(0.8)]).with_draw_order(6.0))?;
-        let filled = cells.iter().take(FILLED_CELLS).map(|c| flat(&hatch(c))).filter(|line| line.len() > 1);
+        let filled = cells.iter().take(FILLED_CELLS).flat_map(|c| hatch(c)).map(|stroke| flat(&stroke));
         let fill = LineStrips2D::new(filled).with_colors([BLOCKED]).with_radii([metres(HATCH_RADIUS)]);
         context.log("st/blocked/fill", &fill.with_draw_order(5.0))?;
     }

@@ -2,18 +2,20 @@
 
 use super::style::{self, Rgb};
 use crate::geometry::Point;
+use crate::geometry::Pose;
 use crate::geometry::polyline::Polyline;
-use crate::geometry::{Pose, cross};
 use crate::map::RoadNetwork;
 use crate::plot::outline::Bounds;
 use crate::vehicle::Vehicle;
 
 /// Half the distance between two strokes of a hatch, m: also the radius to draw it with.
 pub(super) const HATCH_RADIUS: f64 = 0.15;
+/// Strokes of one hatch at most: large buildings stay hollow in parts rather than cost more than the rest.
+const MOST_STROKES: f64 = 400.0;
 
-/// A zigzag line that covers a convex polygon when drawn with [`HATCH_RADIUS`]; its strokes run along the longest
-/// side. Empty for polygons thinner than a stroke.
-pub(super) fn hatch(polygon: &[Point]) -> Vec<Point> {
+/// Strokes that cover a polygon (even–odd rule) when drawn with [`HATCH_RADIUS`]; they run along its longest side and
+/// end where their round ends touch the border. Empty for polygons thinner than a stroke.
+pub(super) fn hatch(polygon: &[Point]) -> Vec<[Point; 2]> {
     let sides = (0..polygon.len()).map(|i| polygon[(i + 1) % polygon.len()] - polygon[i]);
     let Some(longest) = sides.max_by(|a, b| a.norm().total_cmp(&b.norm())).filter(|s| s.norm() > 0.0) else {
         return Vec::new();
@@ -26,25 +28,13 @@ pub(super) fn hatch(polygon: &[Point]) -> Vec<Point> {
         return Vec::new();
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count, bounded
-    let strokes = (room / (2.0 * HATCH_RADIUS)).ceil().min(400.0) as usize;
-    let mut line = Vec::new();
-    for i in 0..=strokes {
-        let y = bounds.min.y + HATCH_RADIUS + room * i as f64 / strokes.max(1) as f64;
-        let Some((left, right)) = span(&local, y) else { continue };
-        let (left, right) = (left + HATCH_RADIUS, right - HATCH_RADIUS);
-        if left > right {
-            continue;
-        }
-        let ends = if i % 2 == 0 { [left, right] } else { [right, left] };
-        line.extend(ends.map(|x| frame.to_world(Point::new(x, y))));
-    }
-    line
-}
-
-/// Where the horizontal line at `y` is inside a convex polygon.
-fn span(polygon: &[Point], y: f64) -> Option<(f64, f64)> {
-    let crossings = crossings(polygon, y);
-    Some((*crossings.first()?, *crossings.last()?))
+    let gaps = (room / (2.0 * HATCH_RADIUS)).ceil().min(MOST_STROKES) as usize;
+    (0..=gaps)
+        .map(|i| bounds.min.y + HATCH_RADIUS + room * i as f64 / gaps.max(1) as f64)
+        .flat_map(|y| crossings(&local, y).chunks_exact(2).map(|ends| (y, ends[0], ends[1])).collect::<Vec<_>>())
+        .filter(|(_, left, right)| right - left > 2.0 * HATCH_RADIUS)
+        .map(|(y, left, right)| [left + HATCH_RADIUS, right - HATCH_RADIUS].map(|x| frame.to_world(Point::new(x, y))))
+        .collect()
 }
 
 /// Where a polygon's sides cross the horizontal line at `y`, in order of x.
@@ -131,40 +121,49 @@ impl Surface {
     }
 }
 
-/// Whether a polygon is convex, either way round.
-pub(super) fn is_convex(polygon: &[Point]) -> bool {
-    let n = polygon.len();
-    let turn = |i: usize| cross(polygon[(i + 1) % n] - polygon[i], polygon[(i + 2) % n] - polygon[(i + 1) % n]);
-    n >= 3 && ((0..n).all(|i| turn(i) >= 0.0) || (0..n).all(|i| turn(i) <= 0.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::plot::example::Example;
     use crate::plot::outline::footprint;
 
+    /// Distance from a point to a stroke.
+    fn distance(p: Point, [a, b]: &[Point; 2]) -> f64 {
+        let along = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+        (p - (a + (b - a) * along)).norm()
+    }
+
     #[test]
-    fn the_hatch_covers_the_polygon_and_nothing_else() {
+    fn the_hatch_covers_a_turned_rectangle_and_stays_in_it() {
         let example = Example::new();
-        let polygon = footprint(&example.vehicle, &Pose::new(3.0, -2.0, 0.7));
-        let line = Polyline::new(hatch(&polygon)).unwrap();
+        let frame = Pose::new(3.0, -2.0, 0.7);
+        let polygon = footprint(&example.vehicle, &frame);
+        let strokes = hatch(&polygon);
         for i in 0..=40 {
             for j in 0..=20 {
-                // a hair inside, where the rounded ends of the strokes reach
+                // a hair inside, where the round ends of the strokes reach
                 let (u, v) = (0.02 + 0.96 * f64::from(i) / 40.0, 0.04 + 0.92 * f64::from(j) / 20.0);
                 let p = polygon[0] + (polygon[1] - polygon[0]) * u + (polygon[3] - polygon[0]) * v;
-                let distance = line.project(p).offset.abs();
-                assert!(distance < HATCH_RADIUS + 0.02, "{p} is {distance} m off");
+                let nearest = strokes.iter().map(|s| distance(p, s)).fold(f64::INFINITY, f64::min);
+                assert!(nearest < HATCH_RADIUS + 0.02, "{p} is {nearest} m off");
             }
         }
-        let frame = Pose::new(3.0, -2.0, 0.7);
         let corner = frame.to_local(polygon[2]);
         let stays = |p: &Point| {
             let local = frame.to_local(*p);
             local.x <= corner.x - HATCH_RADIUS + 1e-9 && local.y.abs() <= corner.y - HATCH_RADIUS + 1e-9
         };
-        assert!(line.points().iter().all(stays));
+        assert!(strokes.iter().flatten().all(stays));
+    }
+
+    #[test]
+    fn the_hatch_leaves_the_dent_of_a_concave_polygon_free() {
+        let u = [(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (4.0, 4.0), (4.0, 1.0), (2.0, 1.0), (2.0, 4.0), (0.0, 4.0)];
+        let polygon = u.map(|(x, y)| Point::new(x, y));
+        let strokes = hatch(&polygon);
+        let covered = |x: f64, y: f64| strokes.iter().any(|s| distance(Point::new(x, y), s) <= HATCH_RADIUS);
+        assert!(covered(1.0, 3.0) && covered(5.0, 3.0) && covered(3.0, 0.5));
+        assert!(!covered(3.0, 3.0));
     }
 
     #[test]
@@ -200,14 +199,5 @@ mod tests {
                 assert_eq!(surface.rgb[place] == style::ROAD.0, on_road, "at {p}");
             }
         }
-    }
-
-    #[test]
-    fn convex_either_way_round() {
-        let square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(x, y)| Point::new(x, y));
-        let mut turned = square;
-        turned.reverse();
-        let dented = [(0.0, 0.0), (1.0, 0.0), (0.2, 0.2), (0.0, 1.0)].map(|(x, y)| Point::new(x, y));
-        assert!(is_convex(&square) && is_convex(&turned) && !is_convex(&dented));
     }
 }

@@ -2,12 +2,12 @@
 
 use rerun::{LineStrips2D, TimeColumn, Transform3D};
 
-use super::shapes::{HATCH_RADIUS, arrow_head, hatch, is_convex};
+use super::shapes::{HATCH_RADIUS, arrow_head, hatch};
 use super::style::{self, Rgb, metres, order, pixels, strips};
 use super::{Context, RecordingError, TICK, TIMELINE};
 use crate::geometry::{Point, Pose};
-use crate::map::{ConvexPart, Motion, Obstacle, ObstacleKind, TimedOccupancy};
-use crate::plot::outline::shape_outlines;
+use crate::map::{Motion, Obstacle, ObstacleKind, TimedOccupancy};
+use crate::plot::outline::{Bounds, shape_outlines};
 
 /// An outline gone: a moment this long after an obstacle's last state it is no longer drawn, s.
 const AFTER: f64 = 1e-3;
@@ -37,25 +37,32 @@ fn colours(obstacle: &Obstacle) -> (Rgb, Rgb) {
     }
 }
 
-/// What a body looks like: lines that fill it, and its edges.
+/// What a body looks like: lines that fill it, and its edges, about its middle. Files may give a shape far from the
+/// origin of its frame, in world coordinates even, where `f32` would lose it.
 struct Body {
+    middle: Point,
     fill: LineStrips2D,
     edges: LineStrips2D,
 }
 
 impl Body {
-    /// An obstacle's body in its own frame. Circles stay hollow.
+    /// An obstacle's body.
     fn of(obstacle: &Obstacle) -> Self {
         let (fill, edge) = colours(obstacle);
-        let hatches = obstacle.shape.convex_parts().into_iter().filter_map(|part| match part {
-            ConvexPart::Polygon(points) if is_convex(&points) => Some(flat(&hatch(&points))),
-            _ => None,
-        });
-        let outlines = shape_outlines(&obstacle.shape, &WORLD);
+        let given = shape_outlines(&obstacle.shape, &WORLD);
+        let middle = Bounds::around(given.iter().flatten()).map_or(Point::origin(), |b| b.centre());
+        let outlines = shape_outlines(&obstacle.shape, &Pose { position: Point::from(-middle.coords), yaw: 0.0 });
+        let strokes = outlines.iter().flat_map(|o| hatch(o)).map(|stroke| flat(&stroke));
         Self {
-            fill: strips(hatches.collect(), fill, metres(HATCH_RADIUS), order::OBSTACLES),
+            middle,
+            fill: strips(strokes.collect(), fill, metres(HATCH_RADIUS), order::OBSTACLES),
             edges: strips(outlines.iter().map(|o| ring(o)).collect(), edge, pixels(1.0), order::OBSTACLE_EDGES),
         }
+    }
+
+    /// Pose of the middle for a pose of the shape's frame.
+    fn placed(&self, frame: &Pose) -> Pose {
+        Pose { position: frame.to_world(self.middle), yaw: frame.yaw }
     }
 }
 
@@ -73,8 +80,8 @@ fn ring(points: &[Point]) -> Vec<[f32; 2]> {
 }
 
 fn log_static(context: &Context, entity: &str, obstacle: &Obstacle, pose: &Pose) -> Result<(), RecordingError> {
-    let Some((translation, turn)) = placed(context, pose) else { return Ok(()) };
     let body = Body::of(obstacle);
+    let Some((translation, turn)) = placed(context, &body.placed(pose)) else { return Ok(()) };
     context.log_static(entity, &Transform3D::from_translation_mat3x3(translation, turn))?;
     context.log_static(entity, &body.edges)?;
     context.log_static(&format!("{entity}/fill"), &body.fill)
@@ -88,13 +95,13 @@ fn log_moving(context: &Context, entity: &str, obstacle: &Obstacle) -> Result<()
     if shown.1 < shown.0 {
         return Ok(());
     }
+    let body = Body::of(obstacle);
     let times = context.motion.ticks(TICK).into_iter().filter(|t| (shown.0..=shown.1).contains(t));
     let poses: Vec<(f64, Pose)> = std::iter::once(shown.0)
         .chain(times.filter(|t| *t > shown.0))
-        .filter_map(|t| Some((t, obstacle.pose_at(t)?)))
+        .filter_map(|t| Some((t, body.placed(&obstacle.pose_at(t)?))))
         .collect();
     send_poses(context, entity, &poses)?;
-    let body = Body::of(obstacle);
     context.set_time(shown.0);
     context.log(entity, &body.edges)?;
     context.log(&format!("{entity}/fill"), &body.fill)?;
@@ -143,7 +150,12 @@ fn log_vehicle(context: &Context) -> Result<(), RecordingError> {
     let footprint = vehicle.footprint();
     let edges = vec![ring(&footprint), ring(&arrow_head(vehicle))];
     context.log_static("map/ego", &strips(edges, style::EGO.1, pixels(1.2), order::EGO_EDGE))?;
-    let fill = strips(vec![flat(&hatch(&footprint))], style::EGO.0, metres(HATCH_RADIUS), order::EGO);
+    let fill = strips(
+        hatch(&footprint).iter().map(|stroke| flat(stroke)).collect(),
+        style::EGO.0,
+        metres(HATCH_RADIUS),
+        order::EGO,
+    );
     context.log_static("map/ego/fill", &fill)?;
     // the frame of the view that follows the vehicle: moves with it, does not turn, and is not under the mirror
     let (times, places): (Vec<f64>, Vec<[f32; 3]>) =
@@ -181,4 +193,28 @@ fn send(context: &Context, entity: &str, times: Vec<f64>, data: Transform3D) -> 
     let columns = data.columns_of_unit_batches().map_err(RecordingError::made)?;
     let times = TimeColumn::new_duration_secs(TIMELINE, times);
     context.stream.send_columns(entity, [times], columns).map_err(RecordingError::made)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::{Part, Shape};
+    use rerun::AsComponents as _;
+
+    fn polygon(corners: [(f64, f64); 3], frame: Pose) -> Obstacle {
+        let vertices = corners.map(|(x, y)| Point::new(x, y)).to_vec();
+        let shape = Shape { parts: vec![Part::Polygon { vertices }] };
+        Obstacle { id: 1, kind: ObstacleKind::Structure, shape, motion: Motion::Static(frame) }
+    }
+
+    #[test]
+    fn a_shape_given_in_world_coordinates_keeps_its_centimetres() {
+        let near = Body::of(&polygon([(0.0, 0.0), (3.0, 0.25), (1.0, 2.125)], Pose::new(0.0, 0.0, 0.0)));
+        let (x, y) = (691_000.0, 5_335_000.0);
+        let corners = [(x, y), (x + 3.0, y + 0.25), (x + 1.0, y + 2.125)];
+        let far = Body::of(&polygon(corners, Pose::new(0.0, 0.0, 0.0)));
+        assert_eq!(near.edges.as_serialized_batches(), far.edges.as_serialized_batches());
+        let frame = Pose::new(x, y, 0.0);
+        assert_eq!(near.placed(&frame).position, far.placed(&Pose::new(0.0, 0.0, 0.0)).position);
+    }
 }
