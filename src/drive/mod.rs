@@ -253,7 +253,6 @@ impl<'a> Run<'a> {
     fn judge(&mut self) {
         let expect = if self.outcome == Outcome::StoppedSafely { Expectation::Stop } else { Expectation::Goal };
         let settings = verdict::Settings::expecting(expect);
-        self.verdict =
-            verdict::judge(self.scenario, self.problem, self.vehicle, &self.cycles, &self.log, &settings);
+        self.verdict = verdict::judge(self.scenario, self.problem, self.vehicle, &self.cycles, &self.log, &settings);
     }
 }

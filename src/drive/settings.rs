@@ -101,7 +101,12 @@ impl Settings {
     fn bounded_work(&self) -> Result<(), SettingsError> {
         let l = &self.planner.lattice;
         let counts = [
-            ("planner.lattice.offset_limit", l.offset_limit / l.offset_spacing, "at most 100 times offset_spacing", 100.0),
+            (
+                "planner.lattice.offset_limit",
+                l.offset_limit / l.offset_spacing,
+                "at most 100 times offset_spacing",
+                100.0,
+            ),
             ("planner.lattice.layers", l.layers as f64, "1 to 20", 20.0),
             ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1000.0),
             ("planner.expansions", self.planner.expansions as f64, "1 to 10000000", 1e7),
@@ -118,7 +123,11 @@ impl Settings {
             return Err(SettingsError { field: "run.replan_interval", value, expected: "0.01 to 1 s" });
         }
         if let Some(&value) = self.planner.emergency_decelerations.iter().find(|d| !(d.is_finite() && **d > 0.0)) {
-            return Err(SettingsError { field: "planner.emergency_decelerations", value, expected: "positive and finite" });
+            return Err(SettingsError {
+                field: "planner.emergency_decelerations",
+                value,
+                expected: "positive and finite",
+            });
         }
         Ok(())
     }

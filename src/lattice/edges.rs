@@ -109,8 +109,9 @@ fn bounded(
     let local = Pose { position: start.to_local(end.position), yaw: crate::geometry::wrap_angle(end.yaw - start.yaw) };
     let spiral = connect(start_curvature, &local, end_curvature).ok()?;
     let bound = max_curvature.max(start_curvature.abs()).max(end_curvature.abs());
-    (spiral.max_abs_curvature() <= bound * (1.0 + 1e-9) && spiral.length < LONGEST_DETOUR * local.position.coords.norm())
-        .then_some(spiral)
+    (spiral.max_abs_curvature() <= bound * (1.0 + 1e-9)
+        && spiral.length < LONGEST_DETOUR * local.position.coords.norm())
+    .then_some(spiral)
 }
 
 /// A spiral this many times longer than its chord winds: not an edge.
@@ -126,7 +127,14 @@ struct Placed<'a> {
 }
 
 impl Placed<'_> {
-    fn checked(self, ground: &Ground<'_>, from: Option<usize>, to: usize, end_offset: f64, settings: &Settings) -> Edge {
+    fn checked(
+        self,
+        ground: &Ground<'_>,
+        from: Option<usize>,
+        to: usize,
+        end_offset: f64,
+        settings: &Settings,
+    ) -> Edge {
         let kept_length: f64 = self.kept.iter().map(|s| s.length).sum();
         let sweep = if self.kept.is_empty() {
             ground.world.sweep(&self.start, &self.spiral)

@@ -225,13 +225,9 @@ impl Chains {
 
     fn label(&self, before: Option<usize>, edge: Arc<Edge>) -> Label {
         match before {
-            None => Label {
-                terms: edge.terms,
-                free_length: edge.free_length,
-                first_offset: edge.end_offset,
-                before,
-                edge,
-            },
+            None => {
+                Label { terms: edge.terms, free_length: edge.free_length, first_offset: edge.end_offset, before, edge }
+            }
             Some(b) => {
                 let chain = &self.labels[b];
                 Label {

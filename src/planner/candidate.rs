@@ -117,12 +117,8 @@ impl Situation<'_> {
         let blocked: Vec<Vec<TimeInterval>> = (0..cells)
             .map(|cell| widened(grid.intervals(cell).iter().map(|b| (b.from, b.to)), gap, self.time))
             .collect();
-        let blocked_at_start = grid
-            .intervals(0)
-            .iter()
-            .map(|b| (b.from, b.to))
-            .filter(|_| grid.cells() > 0)
-            .collect::<Vec<_>>();
+        let blocked_at_start =
+            grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
         let caps = self.caps(path, &stations, planned_stop);
         let rest_allowed = stations.iter().map(|s| self.may_rest(self.station + s)).collect();
         let problem = SpeedProblem {

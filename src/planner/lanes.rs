@@ -87,8 +87,7 @@ impl Lane {
     fn new(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
         let settings = crate::reference::Settings::default();
         let reference = ReferenceLine::new(&scenario.network, &option.lanelets, vehicle.width, &settings).ok()?;
-        let goal =
-            problem.goals.iter().find_map(|g| GoalOnLane::find(g, &scenario.network, &reference, vehicle));
+        let goal = problem.goals.iter().find_map(|g| GoalOnLane::find(g, &scenario.network, &reference, vehicle));
         let is_current = option.side == Side::Current;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
         let count = (reference.length() / 2.0) as usize;

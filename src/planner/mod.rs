@@ -257,8 +257,7 @@ impl<'a> Planner<'a> {
     fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
-        let horizon =
-            (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
+        let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
         let world = &self.worlds[rung.world];
         let roots = self.roots(start, world);
         let weights = self.settings.lattice.weights;
@@ -276,8 +275,8 @@ impl<'a> Planner<'a> {
             for mut path in paths(&ground, root, speed, horizon, &self.settings.lattice, store) {
                 path.terms.lane_change = weights.lane_change * lane.lane_changes_to_go as f64;
                 if let Some(committed) = committed {
-                    path.terms.switching =
-                        weights.switching * distance_between(&committed.trajectory.path, start.point.station, &path.path);
+                    path.terms.switching = weights.switching
+                        * distance_between(&committed.trajectory.path, start.point.station, &path.path);
                 }
                 all.push(path);
             }
@@ -311,12 +310,8 @@ impl<'a> Planner<'a> {
         let situation = self.situation(start, on, rung);
         let free = situation.free_progress();
         for path in found {
-            let mut note = Candidate {
-                path: path.path.clone(),
-                cost: path.terms.total(),
-                terms: path.terms,
-                rejected: None,
-            };
+            let mut note =
+                Candidate { path: path.path.clone(), cost: path.terms.total(), terms: path.terms, rejected: None };
             if best.as_ref().is_some_and(|b| b.cost <= note.cost) {
                 note.rejected = Some("dearer");
             } else {
@@ -407,11 +402,8 @@ impl<'a> Planner<'a> {
         }
         let straight = CubicSpiral { knots: [0.0; 4], length };
         let path = Path::new(p.pose, &[spiral]).or_else(|| Path::new(p.pose, &[straight]));
-        let trajectory = path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory {
-            start_time: p.time,
-            path,
-            profile,
-        });
+        let trajectory =
+            path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => Committed { trajectory, deceleration },
             (None, Some(committed)) => committed.clone(),

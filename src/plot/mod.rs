@@ -23,6 +23,7 @@ use scene::{Scene, View};
 use svg::{Element, Page, Svg};
 
 use crate::drive::Run;
+use crate::trajectory::Trajectory;
 use crate::verdict::Check;
 
 /// Width of the page and margin around everything, px.
@@ -37,6 +38,8 @@ const LEGEND: f64 = 26.0;
 const WIDE: f64 = 1.7;
 /// Failed checks listed in the header; the rest is counted.
 const LISTED_FAILURES: usize = 4;
+/// Characters in a line of the header at most: what fits with a wide font.
+const LINE_LENGTH: usize = 160;
 /// Seconds that the panels go on after the drive to show where its last plans would have stopped.
 const TAIL: f64 = 4.0;
 /// Curves carry a point each this many seconds at least.
@@ -126,7 +129,8 @@ impl Header {
         if failed.len() > LISTED_FAILURES {
             failures.push(format!("and {} more", failed.len() - LISTED_FAILURES));
         }
-        let about = format!("{} · problem {} · {what}", run.vehicle.name, run.problem.id);
+        let reason = run.reason.map_or_else(String::new, |r| format!(" · {}", r.replace('_', " ")));
+        let about = format!("{} · problem {} · {what}{reason}", run.vehicle.name, run.problem.id);
         Self { title: run.scenario.id.clone(), about, badge: (verdict, colour), failures }
     }
 
@@ -160,7 +164,16 @@ fn describe(check: &Check) -> String {
     let unit = if check.unit.is_empty() { String::new() } else { format!(" {}", check.unit) };
     let when = check.at_time.map_or_else(String::new, |t| format!(" at {t:.2} s"));
     let number = |v: f64| if v.is_finite() { format!("{v:.2}{unit}") } else { "none".into() };
-    format!("{}: {}, limit {}{when} ({})", check.name, number(check.value), number(check.limit), check.note)
+    let text = format!("{}: {}, limit {}{when}: {}", check.name, number(check.value), number(check.limit), check.note);
+    shortened(&text, LINE_LENGTH)
+}
+
+/// Text of at most `length` characters, with an ellipsis where it was cut.
+fn shortened(text: &str, length: usize) -> String {
+    if text.chars().count() <= length {
+        return text.into();
+    }
+    text.chars().take(length.saturating_sub(1)).chain(['…']).collect()
 }
 
 /// The smallest of 5, 10, 15, … that is not below the speed.
@@ -308,23 +321,24 @@ fn proof_tails(run: &Run) -> Vec<Curve> {
         }
         next = cycle.time + 0.5 - 1e-9;
         let plan = &cycle.committed;
-        let times = plan.profile.knots().iter().flat_map(|k| {
-            // speed is quadratic where jerk is not zero: a few points between the knots
-            [0.0, 0.25, 0.5, 0.75].map(|part| (k.time, part))
-        });
-        let ends: Vec<f64> = plan.profile.knots().iter().map(|k| k.time).collect();
-        let points = times
-            .filter_map(|(start, part)| {
-                let after = ends.partition_point(|t| *t <= start);
-                let end = *ends.get(after)?;
-                Some(start + part * (end - start))
-            })
-            .chain(ends.last().copied())
-            .map(|t| (plan.start_time + t, plan.profile.at(t).speed))
-            .collect();
+        let points = steps(cycle.time, plan).map(|t| (t, plan.at(t).speed)).collect();
         tails.push(Curve { points, colour: style::PLAN, width: 0.8, dash: "", class: "proof" });
     }
     tails
+}
+
+/// Times of the run from `from` to the end of a plan: its knots and some between, where speed may be quadratic.
+fn steps(from: f64, plan: &Trajectory) -> impl Iterator<Item = f64> {
+    const BETWEEN: u32 = 4;
+    let later = plan.profile.knots().iter().map(|k| plan.start_time + k.time).filter(move |t| *t > from);
+    let mut knots: Vec<f64> = std::iter::once(from).chain(later).collect();
+    let last = knots.pop();
+    let ends = knots.clone().into_iter().skip(1).chain(last);
+    let between = knots
+        .into_iter()
+        .zip(ends)
+        .flat_map(|(start, end)| (0..BETWEEN).map(move |i| start + (end - start) * f64::from(i) / f64::from(BETWEEN)));
+    between.chain(last)
 }
 
 /// The posted speed limit along the way, in pieces where there is one.

@@ -113,7 +113,7 @@ pub(crate) fn speed_limit_at(network: &RoadNetwork, pose: &Pose) -> Option<f64> 
 fn planned(run: &Run) -> Vec<MotionSample> {
     let Some(cycle) = run.cycles.first() else { return Vec::new() };
     let plan = &cycle.committed;
-    let (from, to) = (plan.start_time, plan.end_time());
+    let (from, to) = (cycle.time.max(plan.start_time), plan.end_time().max(cycle.time));
     let steps = ((to - from) / PLAN_STEP).ceil().clamp(1.0, 100_000.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped above
     (0..=steps as usize)
