@@ -106,8 +106,14 @@ impl Polyline {
     /// The nearest point of the polyline (ends included, not extended), with its signed offset.
     #[must_use]
     pub fn project(&self, p: Point) -> Projection {
+        self.project_between(p, f64::NEG_INFINITY, f64::INFINITY)
+    }
+
+    /// As [`Self::project`], among the segments that touch the stations `from`…`to` (at least one is tried).
+    #[must_use]
+    pub fn project_between(&self, p: Point, from: f64, to: f64) -> Projection {
         let mut best = Projection { station: 0.0, offset: f64::INFINITY, foot: self.points[0] };
-        for i in 0..self.points.len() - 1 {
+        for i in self.segment_at(from)..=self.segment_at(to) {
             let length = self.stations[i + 1] - self.stations[i];
             let direction = self.direction(i);
             let along = (p - self.points[i]).dot(&direction).clamp(0.0, length);

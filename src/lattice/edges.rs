@@ -8,8 +8,9 @@ use rayon::prelude::*;
 use super::cost::CostTerms;
 use super::{Ground, Root, Settings};
 use crate::collision::{Allowance, Blocker, Sweep};
-use crate::geometry::Pose;
-use crate::geometry::spiral::{CubicSpiral, connect};
+use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
+use crate::geometry::{Pose, wrap_angle};
+use crate::reference::Frenet;
 
 /// An edge of the lattice.
 #[derive(Debug, Clone)]
@@ -61,9 +62,10 @@ impl EdgeStore {
             pairs
                 .par_iter()
                 .filter_map(|&(i, j)| {
-                    let (start, start_curvature) = ground.reference.offset_pose(s0, offsets[i])?;
-                    let (end, end_curvature) = ground.reference.offset_pose(s1, offsets[j])?;
-                    let spiral = bounded(&start, start_curvature, &end, end_curvature, ground.max_curvature)?;
+                    let start = ground.reference.offset_pose(s0, offsets[i])?;
+                    let end = ground.reference.offset_pose(s1, offsets[j])?;
+                    let spiral = bounded(&start.pose, start.curvature, &end, ground.max_curvature)?;
+                    let start = start.pose;
                     let placed = Placed { start, spiral, kept: &[], path_start: start, allowance: Allowance::NONE };
                     Some(Arc::new(placed.checked(ground, Some(i), j, offsets[j], settings)))
                 })
@@ -84,8 +86,8 @@ pub(super) fn from_root(
     (0..offsets.len())
         .into_par_iter()
         .filter_map(|j| {
-            let (end, end_curvature) = ground.reference.offset_pose(station, offsets[j])?;
-            let spiral = bounded(&root.pose, root.curvature, &end, end_curvature, ground.max_curvature)?;
+            let end = ground.reference.offset_pose(station, offsets[j])?;
+            let spiral = bounded(&root.pose, root.curvature, &end, ground.max_curvature)?;
             let placed = Placed {
                 start: root.pose,
                 spiral,
@@ -98,20 +100,13 @@ pub(super) fn from_root(
         .collect()
 }
 
-/// The spiral between two poses, if there is one whose curvature stays within the bound everywhere.
-fn bounded(
-    start: &Pose,
-    start_curvature: f64,
-    end: &Pose,
-    end_curvature: f64,
-    max_curvature: f64,
-) -> Option<CubicSpiral> {
-    let local = Pose { position: start.to_local(end.position), yaw: crate::geometry::wrap_angle(end.yaw - start.yaw) };
-    let spiral = connect(start_curvature, &local, end_curvature).ok()?;
-    let bound = max_curvature.max(start_curvature.abs()).max(end_curvature.abs());
-    (spiral.max_abs_curvature() <= bound * (1.0 + 1e-9)
-        && spiral.length < LONGEST_DETOUR * local.position.coords.norm())
-    .then_some(spiral)
+/// The spiral from a pose to a node, if there is one whose curvature stays within the bound everywhere.
+fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral> {
+    let local = Pose { position: start.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - start.yaw) };
+    let spiral = connect(start_curvature, &local, end.curvature).ok()?;
+    let bound = max_curvature.max(start_curvature.abs());
+    let winds = spiral.length > LONGEST_DETOUR * local.position.coords.norm();
+    (spiral.max_abs_curvature() <= bound * (1.0 + 1e-9) && !winds).then_some(spiral)
 }
 
 /// A spiral this many times longer than its chord winds: not an edge.
@@ -167,10 +162,10 @@ impl Placed<'_> {
         let mut terms = CostTerms { bending: w.bending * self.spiral.bending_energy(), ..CostTerms::default() };
         let way = self.spiral.length / SAMPLES as f64;
         for (_, point) in self.spiral.samples(&self.start, SAMPLES).skip(1) {
-            let (s, l) = ground.reference.project(point.pose.position);
+            let Frenet { s, l } = ground.reference.project(point.pose.position);
             terms.offset += w.offset * way * l * l;
             let (left, right) = ground.reference.lane_bounds(s);
-            let over = (l + ground.half_width - left).max(right + ground.half_width - l).max(0.0);
+            let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);
             terms.lane += w.lane * way * over;
         }
         let clearance = ground.world.clearance(sweep, w.clearance_wanted);

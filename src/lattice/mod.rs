@@ -129,7 +129,7 @@ pub fn paths(
 
 /// Station indices (multiples of the grid) of the layers ahead of the root.
 fn layer_stations(ground: &Ground<'_>, root: &Root, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
-    let here = ground.reference.project(root.pose.position).0;
+    let here = ground.reference.project(root.pose.position).s;
     let edge = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
     // whole grid steps, at least one
     let stride = (edge / settings.grid).round().max(1.0) * settings.grid;

@@ -85,7 +85,7 @@ impl Lane {
     }
 
     fn new(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
-        let settings = crate::reference::Settings::default();
+        let settings = crate::reference::ReferenceSettings::default();
         let reference = ReferenceLine::new(&scenario.network, &option.lanelets, vehicle.width, &settings).ok()?;
         let goal = problem.goals.iter().find_map(|g| GoalOnLane::find(g, &scenario.network, &reference, vehicle));
         let is_current = option.side == Side::Current;
@@ -113,7 +113,7 @@ fn kept_free(scenario: &Scenario, line: &ReferenceLine) -> Vec<(f64, f64)> {
     let samples = (line.length() / STEP) as usize;
     for i in 0..=samples {
         let station = i as f64 * STEP;
-        let lanelet = scenario.network.lanelets.get(&line.lanelet_at(station));
+        let lanelet = line.lanelet_at(station).and_then(|id| scenario.network.lanelets.get(&id));
         if lanelet.is_some_and(|l| l.types.iter().any(|t| KEPT_FREE.contains(&t.as_str()))) {
             match stretches.last_mut() {
                 Some(last) if station - last.1 <= 1.5 * STEP => last.1 = station,

@@ -27,6 +27,7 @@ use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::wrap_angle;
 use crate::lattice::{Ground, LatticePath, Root, paths};
 use crate::map::{PlanningProblem, Scenario};
+use crate::reference::Frenet;
 use crate::speed::{prove, smoothing};
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
@@ -178,8 +179,8 @@ impl<'a> Planner<'a> {
         let Ok(lanes) = &self.lanes else { return };
         let centre = self.vehicle.centre_of_rear_axle(&start.point.pose);
         let on = |lane: &Lane| {
-            let (station, offset) = lane.reference.project(start.point.pose.position);
-            (lane.reference.length() - station, offset.abs())
+            let Frenet { s, l } = lane.reference.project(start.point.pose.position);
+            (lane.reference.length() - s, l.abs())
         };
         let Some(current) = lanes.iter().find(|l| l.is_current) else { return };
         let (ahead, offset) = on(current);
@@ -351,7 +352,7 @@ impl<'a> Planner<'a> {
             world: &self.worlds[rung.world],
             reference: &lane.reference,
             goal: lane.goal,
-            station: lane.reference.project(start.point.pose.position).0,
+            station: lane.reference.project(start.point.pose.position).s,
             time: start.point.time,
             speed: start.point.speed,
             cruise: self.cruise,

@@ -7,7 +7,7 @@
 //! Weak: labels are placed by simple rules and may meet each other in dense traffic; a road that runs diagonally is
 //! not turned to fit the page.
 
-mod axes;
+pub(crate) mod axes;
 #[cfg(test)]
 pub(crate) mod example;
 pub(crate) mod motion;
@@ -24,7 +24,7 @@ use svg::{Element, Page, Svg};
 
 use crate::drive::Run;
 use crate::trajectory::Trajectory;
-use crate::verdict::Check;
+use crate::verdict::{Check, jerk_limit};
 
 /// Width of the page and margin around everything, px.
 const PAGE_WIDTH: f64 = 1240.0;
@@ -73,7 +73,7 @@ pub fn run_svg(run: &Run) -> String {
 struct Layout {
     scene: Area,
     legend: Page,
-    panels: [Area; 3],
+    panels: [Area; 4],
     page_height: f64,
 }
 
@@ -87,21 +87,22 @@ impl Layout {
         let scene = Area { corner: (MARGIN, top), width: CONTENT, height: (CONTENT / aspect).clamp(150.0, 620.0) };
         let legend = top + scene.height + 8.0;
         let row = legend + LEGEND + GAP;
-        let width = (CONTENT - 2.0 * GAP) / 3.0;
-        let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 250.0 };
-        Self { scene, legend: (MARGIN, legend), panels: [0.0, 1.0, 2.0].map(panel), page_height: row + 250.0 + MARGIN }
+        let width = (CONTENT - 3.0 * GAP) / 4.0;
+        let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 236.0 };
+        Self { scene, legend: (MARGIN, legend), panels: [0.0, 1.0, 2.0, 3.0].map(panel), page_height: row + 236.0 + MARGIN }
     }
 
     fn side_by_side(top: f64) -> Self {
-        const HEIGHT: f64 = 720.0;
+        const HEIGHT: f64 = 760.0;
+        const PANEL_GAP: f64 = 10.0;
         let scene = Area { corner: (MARGIN, top), width: 0.62 * CONTENT, height: HEIGHT };
-        let (left, height) = (MARGIN + scene.width + GAP, (HEIGHT - 2.0 * GAP) / 3.0);
+        let (left, height) = (MARGIN + scene.width + GAP, (HEIGHT - 3.0 * PANEL_GAP) / 4.0);
         let width = CONTENT - scene.width - GAP;
-        let panel = |i: f64| Area { corner: (left, top + i * (height + GAP)), width, height };
+        let panel = |i: f64| Area { corner: (left, top + i * (height + PANEL_GAP)), width, height };
         Self {
             scene,
             legend: (MARGIN, top + HEIGHT + 8.0),
-            panels: [0.0, 1.0, 2.0].map(panel),
+            panels: [0.0, 1.0, 2.0, 3.0].map(panel),
             page_height: top + HEIGHT + LEGEND + 8.0 + MARGIN,
         }
     }
@@ -249,8 +250,8 @@ fn speed_key(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
     end + 6.6 * text.chars().count() as f64 + 22.0
 }
 
-/// Speed, acceleration and lateral acceleration over time.
-fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
+/// Speed, accelerations and jerk over time.
+fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
     let (from, to) = motion.time_range();
     let stopped = run.cycles.iter().map(|c| c.committed.end_time()).fold(to, f64::max);
     let time = (from, stopped.clamp(to, to + TAIL));
@@ -279,6 +280,13 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
     }
     let limit = |value: f64, label: &'static str| LimitLine { value, label, colour: style::LIMIT };
     let last_resort = LimitLine { value: -comfort.aggressive_deceleration, label: "proofs only", colour: style::ALARM };
+    let jerk_limits = |side: f64| Curve {
+        points: samples.iter().map(|s| (s.time, side * jerk_limit(comfort.jerk, s.speed))).collect(),
+        colour: style::LIMIT,
+        width: 1.0,
+        dash: "5 4",
+        class: "limit",
+    };
     let (accel, decel, side) = (comfort.acceleration, comfort.deceleration, comfort.lateral_acceleration);
     [
         Panel {
@@ -300,13 +308,22 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
             at_least: (-comfort.aggressive_deceleration, accel),
         },
         Panel {
-            title: "Lateral acceleration, m/s², left positive",
+            title: "Lateral acceleration, m/s²",
             id: "lateral-acceleration",
             key: vec![],
             curves: vec![driven(|s| s.lateral_acceleration, 1.8)],
             limits: vec![limit(side, "comfort"), limit(-side, "comfort")],
             time,
             at_least: (-side, side),
+        },
+        Panel {
+            title: "Jerk, m/s³",
+            id: "jerk",
+            key: vec![("comfort", style::LIMIT)],
+            curves: vec![jerk_limits(1.0), jerk_limits(-1.0), driven(|s| s.jerk, 1.8)],
+            limits: vec![],
+            time,
+            at_least: (-comfort.jerk, comfort.jerk),
         },
     ]
 }
@@ -390,7 +407,7 @@ mod tests {
         let read = roxmltree::Document::parse(&svg).unwrap();
         let ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
         let parts = ["scene", "goal", "driven-path", "driven-footprints", "committed-plans", "candidates", "scale-bar"];
-        let panels = ["speed", "acceleration", "lateral-acceleration", "legend", "header", "stop-line-1"];
+        let panels = ["speed", "acceleration", "lateral-acceleration", "jerk", "legend", "header", "stop-line-1"];
         let obstacles: Vec<String> = example.scenario.obstacles.iter().map(|o| format!("obstacle-{}", o.id)).collect();
         let lanelets = ["lanelet-1", "lanelet-2", "lanelet-3"];
         let expected = parts.into_iter().chain(panels).chain(lanelets).chain(obstacles.iter().map(String::as_str));

@@ -253,6 +253,9 @@ fn moving_outlines(svg: &mut Svg, view: &View, obstacle: &Obstacle, ticks: &[f64
     svg.add(&view.line(&middles).num("stroke-width", 0.7).with("stroke-opacity", "0.5"));
     // sets overlap from one second to the next: their fills add up
     let strength = if matches!(obstacle.motion, ObstacleMotion::Occupancy(_)) { 0.06 } else { 0.2 };
+    // what stands, as in a queue, needs no times
+    let ends = middles.first().zip(middles.last()).map(|(a, b)| (view.page(a), view.page(b)));
+    let moves = ends.is_some_and(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1) > LABEL_ROOM);
     let mut last: Option<Page> = None;
     for (i, (time, outlines)) in seen.iter().enumerate() {
         let age = (i + 1) as f64 / seen.len() as f64;
@@ -262,7 +265,7 @@ fn moving_outlines(svg: &mut Svg, view: &View, obstacle: &Obstacle, ticks: &[f64
         }
         let Some(bounds) = Bounds::around(outlines.iter().flatten()) else { continue };
         let (x, y) = view.page(&Point::new(bounds.centre().x, bounds.max.y));
-        if last.is_none_or(|l| (l.0 - x).hypot(l.1 - y) >= 2.0 * LABEL_ROOM) {
+        if moves && last.is_none_or(|l| (l.0 - x).hypot(l.1 - y) >= 2.0 * LABEL_ROOM) {
             last = Some((x, y));
             time_label(svg, (x, y - 4.0), *time, colour);
         }

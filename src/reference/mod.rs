@@ -1,8 +1,382 @@
-//! Reference lines.
+//! The reference line: a smoothed lane centre with its Frenet frame.
+//!
+//! The centre lines of a chain of lanelets are joined, resampled, smoothed by a convex program within the lane
+//! (`smooth`), and carried by a curvature-continuous spline over arc length (`spline`). Stations `s` run along the line
+//! from its first point, offsets `l` are positive to the left, curvature of the parallel line at offset l is
+//! κ/(1 − κl). All computation is relative to the chain's first point, so that UTM coordinates lose nothing.
+//!
+//! Beyond its ends the line goes on straight for the settings' extension.
+//!
+//! Weak: the derivative of curvature jumps at the spline's knots (about every metre); the curvature itself is
+//! continuous. A bend much tighter than the sampling step is rounded. The projection of points further from the line
+//! than its radius of curvature is the nearest point, but Frenet coordinates are not unique there.
+
+mod smooth;
+mod spline;
+
+use thiserror::Error;
+
+use crate::geometry::polyline::Polyline;
+use crate::geometry::spiral::PathPoint;
+use crate::geometry::{Point, Pose, Vector};
+use crate::map::{Lanelet, LaneletId, RoadNetwork};
+use smooth::Freedom;
+use spline::Spline;
+
+/// How reference lines are built.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceSettings {
+    /// Distance between smoothed points, m. Halving it doubles the time.
+    pub spacing: f64,
+    /// Undulations shorter than about 2π times this are smoothed away, m.
+    pub smoothing_length: f64,
+    /// Distance kept between the vehicle's side and the lane's bounds when smoothing, m.
+    pub margin: f64,
+    /// Freedom to either side that smoothing has even in lanes too narrow for it, m.
+    pub least_freedom: f64,
+    /// Straight continuation beyond both ends, m.
+    pub extension: f64,
+}
+
+impl Default for ReferenceSettings {
+    fn default() -> Self {
+        Self { spacing: 1.0, smoothing_length: 3.0, margin: 0.1, least_freedom: 0.2, extension: 50.0 }
+    }
+}
+
+/// Why there is no reference line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum ReferenceFailure {
+    /// The chain is empty.
+    #[error("a chain of lanelets without any lanelet")]
+    Empty,
+    /// The chain names a lanelet that the network does not have.
+    #[error("lanelet {0} is not in the network")]
+    UnknownLanelet(LaneletId),
+    /// The joined centre lines are shorter than half a metre.
+    #[error("the joined centre lines are too short")]
+    TooShort,
+}
+
+/// Frenet coordinates of a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frenet {
+    /// Station of the foot point, m.
+    pub s: f64,
+    /// Offset, m, positive to the left.
+    pub l: f64,
+}
+
+/// The reference line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceLine {
+    origin: Vector,
+    curve: Spline,
+    knots: Vec<Knot>,
+    /// Where each lanelet of the chain begins, with its speed limit; in order of stations.
+    lanelets: Vec<Section>,
+    extension: f64,
+    smoothed: bool,
+}
+
+/// What is known at a knot of the curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Knot {
+    station: f64,
+    point: Point,
+    left: f64,
+    right: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Section {
+    start: f64,
+    id: LaneletId,
+    speed_limit: Option<f64>,
+}
+
+/// The shortest chain that makes a line, m.
+const SHORTEST: f64 = 0.5;
+/// Fewest steps of a line: a cubic spline and its third differences need some.
+const FEWEST_STEPS: f64 = 5.0;
+/// Where lanelets overlap by less than this, the points that step back are left out, m.
+const STEP_BACK: f64 = 1.0;
+
+impl ReferenceLine {
+    /// The line along a chain of lanelets, each following the one before, for a vehicle of the given width (m).
+    ///
+    /// # Errors
+    /// See [`ReferenceFailure`].
+    pub fn new(
+        network: &RoadNetwork,
+        chain: &[LaneletId],
+        vehicle_width: f64,
+        settings: &ReferenceSettings,
+    ) -> Result<Self, ReferenceFailure> {
+        let lanelets: Vec<&Lanelet> = chain
+            .iter()
+            .map(|id| network.lanelets.get(id).ok_or(ReferenceFailure::UnknownLanelet(*id)))
+            .collect::<Result<_, _>>()?;
+        let origin = lanelets.first().ok_or(ReferenceFailure::Empty)?.centre.first().coords;
+        let centre = joined(&lanelets, origin, |l| &l.centre).ok_or(ReferenceFailure::TooShort)?;
+        if centre.length() < SHORTEST {
+            return Err(ReferenceFailure::TooShort);
+        }
+        let step = (centre.length() / (centre.length() / settings.spacing).ceil().max(FEWEST_STEPS)).max(1e-3);
+        let points = centre.resampled(step);
+        let left = joined(&lanelets, origin, |l| &l.left);
+        let right = joined(&lanelets, origin, |l| &l.right);
+        let bounds = Bounds { left: left.as_ref(), right: right.as_ref() };
+        let widths = bounds.along(&points);
+
+        let free = |width: f64| (width - 0.5 * vehicle_width - settings.margin).max(settings.least_freedom);
+        let freedom: Vec<Freedom> = widths.iter().map(|w| Freedom { left: free(w.0), right: free(w.1) }).collect();
+        let normals = smooth::normals(&points);
+        let smooth = smooth::smoothed(&points, &normals, &freedom, step, settings.smoothing_length);
+        let smoothed = smooth.is_some();
+        let points = smooth.unwrap_or(points);
+        let curve = Spline::through(&points).ok_or(ReferenceFailure::TooShort)?;
+        let widths = bounds.along(&points);
+        let knots = curve.stations().zip(&points).zip(widths);
+        let knots =
+            knots.map(|((station, point), (left, right))| Knot { station, point: *point, left, right }).collect();
+        let mut line = Self { origin, curve, knots, lanelets: Vec::new(), extension: settings.extension, smoothed };
+        line.lanelets = line.sections(&lanelets);
+        Ok(line)
+    }
+
+    /// Where the lanelets begin along the line: feet of their first centre points, in order.
+    fn sections(&self, lanelets: &[&Lanelet]) -> Vec<Section> {
+        let mut start = f64::NEG_INFINITY;
+        let mut travelled = 0.0;
+        lanelets
+            .iter()
+            .map(|lanelet| {
+                let foot = if travelled == 0.0 { 0.0 } else { self.project_near(lanelet.centre.first(), travelled).s };
+                travelled += lanelet.centre.length();
+                start = foot.max(start);
+                Section { start, id: lanelet.id, speed_limit: lanelet.speed_limit }
+            })
+            .collect()
+    }
+
+    /// Length, without the straight continuations, m.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.curve.length()
+    }
+
+    /// Whether the convex program succeeded; if not, the line runs through the lane's centre as it is.
+    #[must_use]
+    pub fn is_smoothed(&self) -> bool {
+        self.smoothed
+    }
+
+    /// Pose, curvature and its derivative at station `s`. Beyond the ends straight on, however far.
+    #[must_use]
+    pub fn at(&self, s: f64) -> PathPoint {
+        let mut point = self.curve.at(s);
+        point.pose.position += self.origin;
+        point
+    }
+
+    /// The point at station `s` and offset `l`.
+    #[must_use]
+    pub fn from_frenet(&self, s: f64, l: f64) -> Point {
+        let pose = self.at(s).pose;
+        pose.position + pose.left() * l
+    }
+
+    /// The point of the parallel line at offset `l`: its heading is that of the reference line, its curvature
+    /// κ/(1 − κl), its curvature's derivative (by its own arc length) κ'/(1 − κl)³. `None` at and beyond the centre of
+    /// curvature.
+    #[must_use]
+    pub fn offset_pose(&self, s: f64, l: f64) -> Option<PathPoint> {
+        let on_line = self.at(s);
+        let shrink = 1.0 - on_line.curvature * l;
+        (shrink > 0.0).then(|| PathPoint {
+            pose: Pose { position: on_line.pose.position + on_line.pose.left() * l, yaw: on_line.pose.yaw },
+            curvature: on_line.curvature / shrink,
+            curvature_rate: on_line.curvature_rate / shrink.powi(3),
+        })
+    }
+
+    /// Frenet coordinates of a point: the nearest point of the whole line, continuations included.
+    #[must_use]
+    pub fn project(&self, point: Point) -> Frenet {
+        let local = point - self.origin;
+        self.refine(local, self.nearest_knot(local, 0, self.knots.len()))
+    }
+
+    /// Frenet coordinates of a point whose station is about `hint`: the nearest point within some metres of it, so
+    /// that a line that comes near itself does not make the station jump. Falls back to the whole line when the nearest
+    /// point there is at the rim of the search.
+    #[must_use]
+    pub fn project_near(&self, point: Point, hint: f64) -> Frenet {
+        /// Search to either side of the hint, m.
+        const WINDOW: f64 = 10.0;
+        let local = point - self.origin;
+        let from = self.knots.partition_point(|k| k.station < hint - WINDOW);
+        let to = self.knots.partition_point(|k| k.station <= hint + WINDOW);
+        if from >= to {
+            return self.project(point);
+        }
+        let nearest = self.nearest_knot(local, from, to);
+        let at_rim = (nearest == from && from > 0) || (nearest + 1 == to && to < self.knots.len());
+        if at_rim { self.project(point) } else { self.refine(local, nearest) }
+    }
+
+    /// The knot nearest to a local point among `from..to`, which is not empty.
+    fn nearest_knot(&self, local: Point, from: usize, to: usize) -> usize {
+        let mut best = (f64::INFINITY, from);
+        for (i, knot) in self.knots.iter().enumerate().take(to).skip(from) {
+            let distance = (local - knot.point).norm_squared();
+            if distance < best.0 {
+                best = (distance, i);
+            }
+        }
+        best.1
+    }
+
+    /// The foot point near a knot: root of (q − P(s))·T(s), which falls with slope −(1 − κl) on this side of the
+    /// evolute, by Newton's method kept inside a bracket.
+    fn refine(&self, local: Point, knot: usize) -> Frenet {
+        /// Station steps below this are no progress, m.
+        const TOLERANCE: f64 = 1e-12;
+        const MAX_ITERATIONS: usize = 60;
+        let residual = |s: f64| {
+            let on_line = self.curve.at(s);
+            let away = local - on_line.pose.position;
+            let l = away.dot(&on_line.pose.left());
+            (away.dot(&on_line.pose.forward()), 1.0 - on_line.curvature * l, l)
+        };
+        let last = self.knots.len() - 1;
+        let mut low = if knot == 0 { -self.extension } else { self.knots[knot - 1].station };
+        let mut high = if knot == last { self.length() + self.extension } else { self.knots[knot + 1].station };
+        let mut s = self.knots[knot].station;
+        for _ in 0..MAX_ITERATIONS {
+            let (along, slope, _) = residual(s);
+            if along > 0.0 {
+                low = s;
+            } else {
+                high = s;
+            }
+            let newton = s + along / slope;
+            let next = if slope > 0.0 && newton > low && newton < high {
+                newton
+            } else if slope > 0.0 && newton >= high && residual(high).0 >= 0.0 {
+                high
+            } else if slope > 0.0 && newton <= low && residual(low).0 <= 0.0 {
+                low
+            } else {
+                f64::midpoint(low, high)
+            };
+            let moved = (next - s).abs();
+            s = next;
+            if moved <= TOLERANCE * (1.0 + s.abs()) {
+                break;
+            }
+        }
+        Frenet { s, l: residual(s).2 }
+    }
+
+    /// Distances from the line to the lane's own bounds at station `s`, left and right, m; negative if the line is
+    /// outside. Beyond the ends, as at the ends.
+    #[must_use]
+    pub fn lane_bounds(&self, s: f64) -> (f64, f64) {
+        let i = self.knots.partition_point(|k| k.station <= s).clamp(1, self.knots.len() - 1);
+        let (before, after) = (&self.knots[i - 1], &self.knots[i]);
+        let ratio = ((s - before.station) / (after.station - before.station)).clamp(0.0, 1.0);
+        let mix = |a: f64, b: f64| a + (b - a) * ratio;
+        (mix(before.left, after.left), mix(before.right, after.right))
+    }
+
+    fn section_at(&self, s: f64) -> Option<&Section> {
+        let after = self.lanelets.partition_point(|section| section.start <= s);
+        self.lanelets.get(after.max(1) - 1)
+    }
+
+    /// The lanelet at station `s`; beyond the ends, the first or last one.
+    #[must_use]
+    pub fn lanelet_at(&self, s: f64) -> Option<LaneletId> {
+        self.section_at(s).map(|section| section.id)
+    }
+
+    /// Speed limit of the lanelet at station `s`, m/s.
+    #[must_use]
+    pub fn speed_limit(&self, s: f64) -> Option<f64> {
+        self.section_at(s).and_then(|section| section.speed_limit)
+    }
+
+    /// The lanelets of the chain with the stations at which they begin, in order.
+    pub fn lanelets(&self) -> impl Iterator<Item = (LaneletId, f64)> + '_ {
+        self.lanelets.iter().map(|section| (section.id, section.start))
+    }
+
+    /// The points that carry the line, about every settings' spacing, with their stations: for pictures.
+    pub fn points(&self) -> impl Iterator<Item = (f64, Point)> + '_ {
+        self.knots.iter().map(|k| (k.station, k.point + self.origin))
+    }
+}
+
+/// One kind of line of all lanelets, joined, relative to the origin. Points that step back against the direction of
+/// travel by a little (lanelets that overlap) are left out.
+fn joined(lanelets: &[&Lanelet], origin: Vector, line: impl Fn(&Lanelet) -> &Polyline) -> Option<Polyline> {
+    let mut points: Vec<Point> = Vec::new();
+    for lanelet in lanelets {
+        for p in line(lanelet).points() {
+            let p = p - origin;
+            if let [.., before, last] = points.as_slice() {
+                let step = p - last;
+                if step.norm() < STEP_BACK && step.dot(&(last - before)) < 0.0 {
+                    continue;
+                }
+            }
+            points.push(p);
+        }
+    }
+    Polyline::new(points)
+}
+
+/// The lane's bounds, joined over the chain.
+struct Bounds<'a> {
+    left: Option<&'a Polyline>,
+    right: Option<&'a Polyline>,
+}
+
+impl Bounds<'_> {
+    /// Distances of points along the lane to its left and right bound, m, negative outside.
+    fn along(&self, points: &[Point]) -> Vec<(f64, f64)> {
+        let left = self.left.map(|bound| offsets(bound, points));
+        let right = self.right.map(|bound| offsets(bound, points));
+        let at = |offsets: &Option<Vec<f64>>, i: usize| offsets.as_ref().map_or(0.0, |o| o[i]);
+        (0..points.len()).map(|i| (-at(&left, i), at(&right, i))).collect()
+    }
+}
+
+/// Signed offsets of a row of points from a line that runs beside them: the search for each point starts near the foot
+/// of the one before.
+fn offsets(line: &Polyline, points: &[Point]) -> Vec<f64> {
+    /// Search behind and ahead of the last foot, m: lanes widen and bend between neighbouring points by less.
+    const BEHIND: f64 = 5.0;
+    const AHEAD: f64 = 15.0;
+    let mut station = line.project(points[0]).station;
+    points
+        .iter()
+        .map(|p| {
+            let foot = line.project_between(*p, station - BEHIND, station + AHEAD);
+            station = foot.station;
+            foot.offset
+        })
+        .collect()
+}
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use super::*;
     use crate::map::Scenario;
+    use crate::route::tests::{lanelet, two_lane_road};
+    use proptest::prelude::*;
     use std::path::{Path, PathBuf};
 
     /// The folder of real files, if it is there; says so if not.
@@ -24,5 +398,263 @@ pub(crate) mod tests {
         paths.sort();
         let name = |p: &Path| p.file_stem().unwrap().to_string_lossy().into_owned();
         paths.iter().filter_map(|p| crate::io::commonroad::read_file(p).ok().map(|s| (name(p), s))).collect()
+    }
+    const WIDTH: f64 = 1.8;
+
+    fn line(network: &RoadNetwork, chain: &[LaneletId]) -> ReferenceLine {
+        ReferenceLine::new(network, chain, WIDTH, &ReferenceSettings::default()).unwrap()
+    }
+
+    /// A lane 3.5 m wide along a chain of centre points, far from the origin.
+    fn lane_along(points: &[Point], origin: Vector) -> RoadNetwork {
+        let normals = smooth::normals(points);
+        let side =
+            |offset: f64| Polyline::new(points.iter().zip(&normals).map(|(p, n)| p + n * offset + origin)).unwrap();
+        let mut network = RoadNetwork::default();
+        network.lanelets.insert(1, lanelet(1, side(1.75), side(-1.75), side(0.0)));
+        network
+    }
+
+    /// Straight, a left turn by 90° with the given radius in steps of half a metre, straight.
+    fn turn(radius: f64) -> Vec<Point> {
+        let arc = radius * std::f64::consts::FRAC_PI_2;
+        let on_arc = |s: f64| {
+            let a = s / radius;
+            Point::new(30.0 + radius * a.sin(), radius * (1.0 - a.cos()))
+        };
+        let steps = (2.0 * arc).ceil();
+        let before = (0..15).map(|i| Point::new(2.0 * f64::from(i), 0.0));
+        let within = (0..=steps as i32).map(|i| on_arc(arc * f64::from(i) / steps));
+        let after = (1..15).map(|i| Point::new(30.0 + radius, radius + 2.0 * f64::from(i)));
+        before.chain(within).chain(after).collect()
+    }
+
+    const UTM: Vector = Vector::new(6.9e5, 5.3e6);
+
+    #[test]
+    fn straight_road_stays_straight_and_in_the_middle() {
+        let line = line(&two_lane_road(3), &[100, 101, 102]);
+        assert!((line.length() - 150.0).abs() < 1e-6);
+        let p = line.at(77.7);
+        assert!((p.pose.position - Point::new(77.7, 0.0)).norm() < 1e-6);
+        assert!(p.pose.yaw.abs() < 1e-9 && p.curvature.abs() < 1e-9);
+        let (left, right) = line.lane_bounds(60.0);
+        assert!((left - 1.75).abs() < 1e-6 && (right - 1.75).abs() < 1e-6);
+        assert_eq!(
+            (line.lanelet_at(-5.0), line.lanelet_at(49.0), line.lanelet_at(51.0)),
+            (Some(100), Some(100), Some(101))
+        );
+        assert!((line.at(160.0).pose.position - Point::new(160.0, 0.0)).norm() < 1e-6, "straight beyond the end");
+        assert!((line.project(Point::new(-3.0, 1.0)).s + 3.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_junction_turn_is_drivable_and_inside_the_lane() {
+        for radius in [6.0, 10.0, 25.0] {
+            let line = line(&lane_along(&turn(radius), UTM), &[1]);
+            assert!(line.is_smoothed());
+            let samples: Vec<f64> = (0..=(line.length() / 0.1) as i32).map(|i| f64::from(i) * 0.1).collect();
+            let worst = samples.iter().map(|s| line.at(*s).curvature.abs()).fold(0.0, f64::max);
+            assert!(worst < 1.1 / radius, "curvature {worst} for radius {radius}");
+            for s in &samples {
+                let (left, right) = line.lane_bounds(*s);
+                assert!(left.min(right) > WIDTH / 2.0 + 0.05, "{left} {right} at {s} of radius {radius}");
+            }
+        }
+    }
+
+    #[test]
+    fn jagged_centre_is_smoothed_and_a_long_bend_is_kept() {
+        let jagged: Vec<Point> =
+            (0..80).map(|i| Point::new(f64::from(i), if i % 2 == 0 { 0.1 } else { -0.1 })).collect();
+        let smooth = line(&lane_along(&jagged, UTM), &[1]);
+        let worst = (0..700).map(|i| smooth.at(5.0 + f64::from(i) * 0.1).curvature.abs()).fold(0.0, f64::max);
+        assert!(worst < 0.01, "curvature {worst} left of the jags");
+        let bend: Vec<Point> = (0..80)
+            .map(|i| {
+                let a = f64::from(i) / 50.0;
+                Point::new(50.0 * a.sin(), 50.0 * (1.0 - a.cos()))
+            })
+            .collect();
+        let bend = line(&lane_along(&bend, UTM), &[1]);
+        for i in 0..79 {
+            let p = bend.at(f64::from(i));
+            assert!((p.curvature - 0.02).abs() < 1e-3, "{} at {i}", p.curvature);
+        }
+    }
+
+    #[test]
+    fn lanelets_that_overlap_or_repeat_points_make_no_kink() {
+        let mut network = two_lane_road(3);
+        let step_back = |x: f64| Polyline::new([49.8, 49.8001, 70.0, 100.0].map(|p| Point::new(p, x))).unwrap();
+        let middle = network.lanelets.get_mut(&101).unwrap();
+        (middle.left, middle.right, middle.centre) = (step_back(1.75), step_back(-1.75), step_back(0.0));
+        let line = line(&network, &[100, 101, 102]);
+        assert!((line.length() - 150.0).abs() < 1e-6);
+        assert!((0..1500).all(|i| line.at(f64::from(i) * 0.1).curvature.abs() < 1e-6));
+    }
+
+    #[test]
+    fn short_chains_and_bad_chains_have_an_answer() {
+        let network = lane_along(&[Point::new(0.0, 0.0), Point::new(1.0, 0.2), Point::new(2.0, 0.3)], UTM);
+        assert!((line(&network, &[1]).length() - 2.03).abs() < 0.02);
+        let settings = ReferenceSettings::default();
+        let new = |network: &RoadNetwork, chain: &[LaneletId]| ReferenceLine::new(network, chain, WIDTH, &settings);
+        assert_eq!(new(&network, &[]), Err(ReferenceFailure::Empty));
+        assert_eq!(new(&network, &[1, 7]), Err(ReferenceFailure::UnknownLanelet(7)));
+        let tiny = lane_along(&[Point::new(0.0, 0.0), Point::new(0.1, 0.0)], UTM);
+        assert_eq!(new(&tiny, &[1]), Err(ReferenceFailure::TooShort));
+    }
+
+    #[test]
+    fn offset_lines_have_their_own_curvature() {
+        let line = line(&lane_along(&turn(10.0), Vector::zeros()), &[1]);
+        let (s, h, l) = (37.0, 1e-3, 2.0);
+        let at = |s: f64| line.offset_pose(s, l).unwrap();
+        let (before, here, after) = (at(s - h), at(s), at(s + h));
+        let travelled = (after.pose.position - before.pose.position).norm();
+        assert!(((after.pose.yaw - before.pose.yaw) / travelled - here.curvature).abs() < 1e-4);
+        assert!((here.curvature_rate - (after.curvature - before.curvature) / travelled).abs() < 1e-3);
+        assert!(line.offset_pose(s, 20.0).is_none(), "beyond the centre of curvature");
+    }
+
+    #[test]
+    fn the_hint_keeps_the_station_where_the_line_meets_itself() {
+        // a full circle of radius 20: its end is beside its start
+        let circle: Vec<Point> = (0..=125)
+            .map(|i| {
+                let a = f64::from(i) / 20.0;
+                Point::new(20.0 * a.sin(), 20.0 * (1.0 - a.cos()))
+            })
+            .collect();
+        let line = line(&lane_along(&circle, Vector::zeros()), &[1]);
+        let p = Point::new(0.1, 0.0);
+        assert!(line.project_near(p, 1.0).s < 2.0);
+        assert!(line.project_near(p, 124.0).s > 123.0);
+        let far = Point::new(0.0, 40.0);
+        assert!((line.project_near(far, 3.0).s - line.project(far).s).abs() < 1e-9, "a wrong hint does no harm");
+    }
+
+    proptest! {
+        #[test]
+        fn frenet_round_trip(part in 0.0..1.0f64, share in -0.8..0.8f64, radius in 6.0..40.0f64) {
+            let line = line(&lane_along(&turn(radius), UTM), &[1]);
+            let s = part * line.length();
+            // within 0.8 of the radius, of all bends near by, and not wider than roads are
+            let sharpest = (-60..=60).map(|i| line.at(s + f64::from(i) * 0.2).curvature.abs()).fold(0.05, f64::max);
+            let l = share / sharpest;
+            let p = line.from_frenet(s, l);
+            for back in [line.project(p), line.project_near(p, s + 1.0)] {
+                prop_assert!((back.s - s).abs() < 1e-6 && (back.l - l).abs() < 1e-6, "{back:?} for {s} {l}");
+            }
+        }
+
+        #[test]
+        fn projection_is_the_nearest_point(x in -10.0..50.0f64, y in -10.0..40.0f64) {
+            let line = line(&lane_along(&turn(8.0), Vector::zeros()), &[1]);
+            let p = Point::new(x, y);
+            let found = line.project(p);
+            let distance = (line.at(found.s).pose.position - p).norm();
+            prop_assert!((distance - found.l.abs()).abs() < 1e-9 || found.s <= -49.0 || found.s >= line.length() + 49.0);
+            let brute = (-500..=(line.length() * 10.0) as i32 + 500)
+                .map(|i| (line.at(f64::from(i) * 0.1).pose.position - p).norm())
+                .fold(f64::INFINITY, f64::min);
+            prop_assert!(distance <= brute + 1e-3, "{distance} against {brute}");
+        }
+    }
+
+    /// Chains from every lanelet of every real network: built, smooth, inside their lanes, projected back.
+    #[test]
+    fn real_lanes_make_usable_lines() {
+        let Some(folder) = real_data("commonroad") else { return };
+        let settings = ReferenceSettings::default();
+        let (mut count, mut unsmoothed, mut metres, mut seconds) = (0, 0, 0.0, 0.0);
+        let mut worst: Vec<(f64, String)> = Vec::new();
+        for (name, scenario) in real_scenarios(&folder) {
+            let network = &scenario.network;
+            for first in network.lanelets.values().filter(|l| l.is_drivable()) {
+                let mut chain = vec![first.id];
+                let mut length = first.centre.length();
+                while let Some(next) = network.lanelets[chain.last().unwrap()].successors.first() {
+                    if length > 200.0 || chain.contains(next) || !network.lanelets.contains_key(next) {
+                        break;
+                    }
+                    chain.push(*next);
+                    length += network.lanelets[next].centre.length();
+                }
+                let start = std::time::Instant::now();
+                let line = match ReferenceLine::new(network, &chain, WIDTH, &settings) {
+                    Ok(line) => line,
+                    Err(failure) => {
+                        assert!(length < SHORTEST, "{name} {chain:?}: {failure}");
+                        continue;
+                    }
+                };
+                seconds += start.elapsed().as_secs_f64();
+                count += 1;
+                metres += line.length();
+                unsmoothed += u32::from(!line.is_smoothed());
+                let steps = (line.length() / 0.25) as i32;
+                let sharpest = (0..=steps)
+                    .map(|i| (line.at(f64::from(i) * 0.25).curvature.abs(), f64::from(i) * 0.25))
+                    .max_by(|a, b| a.0.total_cmp(&b.0))
+                    .unwrap();
+                worst.push((sharpest.0, format!("{name} {} at {:.1} of {:.1} m", chain[0], sharpest.1, line.length())));
+                for i in 0..=steps / 8 {
+                    let s = f64::from(i) * 2.0;
+                    let back = line.project_near(line.from_frenet(s, 0.3), s);
+                    assert!((back.s - s).abs() < 1e-6, "{name} {}: {s} came back as {}", chain[0], back.s);
+                }
+            }
+        }
+        worst.sort_by(|a, b| b.0.total_cmp(&a.0));
+        println!(
+            "{count} lines, {unsmoothed} unsmoothed, {:.0} m and {:.2} ms on average",
+            metres / f64::from(count),
+            1e3 * seconds / f64::from(count)
+        );
+        let share = |limit: f64| worst.iter().filter(|w| w.0 > limit).count();
+        println!("sharper than 0.2: {}, 0.3: {}, 0.5: {}, 1: {}", share(0.2), share(0.3), share(0.5), share(1.0));
+        for (curvature, place) in worst.iter().take(25) {
+            println!("{curvature:.3} {place}");
+        }
+        assert_eq!(unsmoothed, 0);
+    }
+
+    /// The corridors that the planner will really be given: their lines, and where the start lies on them.
+    #[test]
+    fn real_corridors_hold_their_start_and_goal() {
+        let Some(folder) = real_data("commonroad") else { return };
+        let mut sharpest: Vec<(f64, String)> = Vec::new();
+        for (name, scenario) in real_scenarios(&folder) {
+            for problem in &scenario.problems {
+                let start = problem.initial.centre;
+                let outcome = crate::route::plan(&scenario.network, &start, &problem.goals, &Default::default());
+                for lane in &outcome.route().unwrap().lanes {
+                    let line = line(&scenario.network, &lane.lanelets);
+                    let foot = line.project(start.position);
+                    let tolerance = 1.0 + 0.02 * lane.start_station;
+                    assert!(
+                        (foot.s - lane.start_station).abs() < tolerance,
+                        "{name}: {foot:?} but {}",
+                        lane.start_station
+                    );
+                    if let Some(goal) = lane.goal {
+                        let (near, far) = (line.project(goal.near), line.project(goal.far));
+                        assert!(near.s <= far.s + 1e-6 && near.l.abs() < 1.5, "{name}: {near:?} {far:?}");
+                    }
+                    let reach = line.length().min(foot.s + 150.0);
+                    let steps = ((reach - foot.s).max(0.0) / 0.25) as i32;
+                    let at = |i: i32| (line.at(foot.s + f64::from(i) * 0.25).curvature.abs(), i);
+                    let (curvature, i) = (0..=steps).map(at).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+                    sharpest.push((curvature, format!("{name} {:?} {:.0} m ahead", lane.side, f64::from(i) * 0.25)));
+                }
+            }
+        }
+        sharpest.sort_by(|a, b| b.0.total_cmp(&a.0));
+        println!("{} corridors, sharpest within 150 m:", sharpest.len());
+        for (curvature, place) in sharpest.iter().take(30) {
+            println!("{curvature:.3} {place}");
+        }
     }
 }

@@ -91,7 +91,7 @@ pub struct LaneOption {
     pub lanelets: Vec<LaneletId>,
     /// Which lane it is.
     pub side: Side,
-    /// Station of the start position.
+    /// Station of the start position; negative, by 30 m at most, on a lane beside that begins only ahead of the vehicle.
     pub start_station: f64,
     /// Length of the chain.
     pub length: f64,
@@ -188,6 +188,9 @@ fn footings(network: &RoadNetwork, start: &Pose, snap_distance: f64) -> Vec<Foot
     all.into_iter().filter(|f| f.outside <= snap_distance && f.outside <= nearest + 1e-6).collect()
 }
 
+/// A lane beside that begins farther ahead than this is not offered yet, m.
+const FARTHEST_BEGINNING: f64 = 30.0;
+
 /// The current lane's corridor and those beside it.
 fn corridors(
     guide: &Guide<'_>,
@@ -210,7 +213,10 @@ fn corridors(
             let foot =
                 guide.network.lanelets.get(&neighbour.id).map_or(0.0, |l| l.centre.project(start.position).station);
             let chain = guide.forwards(neighbour.id, foot + settings.look_ahead);
-            lanes.push(option(guide, side, &chain, foot, start, spans, settings));
+            let lane = option(guide, side, &chain, foot, start, spans, settings);
+            if lane.start_station >= -FARTHEST_BEGINNING {
+                lanes.push(lane);
+            }
         }
     }
     lanes
@@ -249,6 +255,12 @@ fn option(
         .filter_map(|(id, at)| centre(id).map(|c| (at, c.project(start.position))))
         .min_by(|a, b| a.1.offset.abs().total_cmp(&b.1.offset.abs()))
         .map_or(before + station_on_first, |(at, foot)| at + foot.station);
+    // a chain that begins ahead of the vehicle: on its straight continuation backwards
+    let shortfall = lanelets.first().and_then(centre).map_or(0.0, |c| {
+        let begin = Pose { position: c.first(), yaw: c.yaw_at(0.0) };
+        begin.to_local(start.position).x.min(0.0)
+    });
+    let start_station = if start_station == 0.0 { shortfall } else { start_station };
     let leave_by = lanelets
         .iter()
         .zip(&starts)
@@ -508,7 +520,7 @@ pub(crate) mod tests {
                     for pair in lane.lanelets.windows(2) {
                         assert!(scenario.network.lanelets[&pair[0]].successors.contains(&pair[1]), "{name}: {lane:?}");
                     }
-                    assert!(lane.start_station >= 0.0 && lane.start_station <= lane.length);
+                    assert!(lane.start_station >= -FARTHEST_BEGINNING && lane.start_station <= lane.length);
                 }
             }
         }

@@ -28,6 +28,8 @@ const LATERAL_BANDWIDTH: f64 = 2.5;
 const LATERAL_BANDWIDTH_ALONG: f64 = 0.5;
 /// Largest curvature that the lateral feedback may add, 1/m.
 const LARGEST_CURVATURE_FEEDBACK: f64 = 0.1;
+/// Largest lateral acceleration that the lateral feedback may add, m/s².
+const LARGEST_LATERAL_FEEDBACK: f64 = 2.0;
 /// Response of the tyres to steering beyond the steering's own lag, s.
 const TYRE_RESPONSE: f64 = 0.03;
 /// Bandwidth of the longitudinal feedback, rad/s.
@@ -62,9 +64,10 @@ fn steering(vehicle: &Vehicle, path: &Path, state: &State, here: &Projection) ->
     let ahead = path.at(here.station + speed * lag);
     let rear_slip = speed * speed * here.curvature / (GRAVITY * tyres.cornering_rear);
     let heading_error = wrap_angle(state.pose.yaw - here.yaw - rear_slip);
-    let omega = LATERAL_BANDWIDTH_ALONG.min(LATERAL_BANDWIDTH / speed.max(f64::MIN_POSITIVE));
+    let omega = LATERAL_BANDWIDTH_ALONG.min(LATERAL_BANDWIDTH / speed);
     let feedback = -omega * omega * here.offset - 2.0 * omega * heading_error;
-    let feedback = feedback.clamp(-LARGEST_CURVATURE_FEEDBACK, LARGEST_CURVATURE_FEEDBACK);
+    let largest = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
+    let feedback = feedback.clamp(-largest, largest);
     let understeer =
         speed * speed * ahead.curvature / GRAVITY * (1.0 / tyres.cornering_front - 1.0 / tyres.cornering_rear);
     let steering = vehicle.steering_for_curvature(ahead.curvature + feedback) + understeer;

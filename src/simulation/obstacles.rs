@@ -1,4 +1,8 @@
 //! Obstacles as colliders: fixed, moving on a trajectory, or regions that exist for an interval.
+//!
+//! Most moving obstacles are far away most of the time. Those that cannot meet the vehicle before the next review
+//! ([`REVIEW`]) have no body meanwhile: distances are bounded by the predictions themselves and by what the vehicle can
+//! drive in that time, so no contact is ever missed.
 
 use std::sync::Arc;
 
@@ -9,8 +13,11 @@ use rapier2d::math::{Pose as RapierPose, Vector as RapierVector};
 use super::SimulationError;
 use super::convert::{Frame, local};
 use super::physics::Physics;
-use crate::geometry::{Point, Pose};
-use crate::map::{ConvexPart, Motion, Obstacle, Shape};
+use crate::geometry::{Point, Pose, Vector};
+use crate::map::{ConvexPart, Motion, Obstacle, Shape, TimedPose};
+
+/// Time between reviews of which obstacles are near, s.
+pub(super) const REVIEW: f64 = 0.1;
 
 /// All obstacles of a world. What never changes is shared between clones.
 #[derive(Clone)]
@@ -18,6 +25,8 @@ pub(super) struct Obstacles {
     plan: Arc<Plan>,
     /// Per obstacle: its body, while it exists, and for set-based ones the index of the set.
     bodies: Vec<Option<(RigidBodyHandle, usize)>>,
+    /// Per obstacle: whether it could meet the vehicle before the next review.
+    near: Vec<bool>,
 }
 
 struct Plan {
@@ -29,14 +38,16 @@ struct Entry {
     obstacle: Obstacle,
     /// Colliders of the shape in its own frame; for sets, of each region in the physics frame.
     shapes: Vec<Vec<(RapierPose, SharedShape)>>,
+    /// Circles around the shapes: about the frame's origin; for sets, about each region's middle in the world, m.
+    circles: Vec<(Point, f64)>,
 }
 
 impl Obstacles {
     /// Checks the obstacles and prepares their colliders.
     pub(super) fn new(obstacles: &[Obstacle], frame: &Frame) -> Result<Self, SimulationError> {
         let entries = obstacles.iter().map(|o| Entry::new(o, frame)).collect::<Result<Vec<_>, _>>()?;
-        let bodies = vec![None; entries.len()];
-        Ok(Self { plan: Arc::new(Plan { frame: *frame, entries }), bodies })
+        let (bodies, near) = (vec![None; entries.len()], vec![false; entries.len()]);
+        Ok(Self { plan: Arc::new(Plan { frame: *frame, entries }), bodies, near })
     }
 
     /// The id of the obstacle whose colliders carry this user data.
@@ -44,14 +55,24 @@ impl Obstacles {
         self.plan.entries.get(usize::try_from(user_data).ok()?).map(|e| e.obstacle.id)
     }
 
-    /// Creates the bodies of obstacles that exist at `time`, and removes those that do not any more.
+    /// Finds the obstacles that come within `reach` of a position between `time` and the next review.
+    pub(super) fn review(&mut self, time: f64, position: Point, reach: f64) {
+        for (entry, near) in self.plan.entries.iter().zip(&mut self.near) {
+            *near = entry.comes_near(time, position, reach);
+        }
+    }
+
+    /// Creates the bodies of near obstacles that exist at `time`, and removes those that do not any more.
     pub(super) fn place(&mut self, physics: &mut Physics, time: f64) {
         for (index, entry) in self.plan.entries.iter().enumerate() {
             let now = self.bodies[index];
             if now.is_some() && entry.obstacle.is_static() {
                 continue;
             }
-            let wanted = entry.present(time);
+            if !self.near[index] && now.is_none() {
+                continue;
+            }
+            let wanted = if self.near[index] { entry.present(time) } else { None };
             if wanted == now.map(|(_, set)| set) {
                 continue;
             }
@@ -110,7 +131,32 @@ impl Entry {
                 sets.iter().map(|set| colliders(&set.region, &place)).collect::<Result<_, _>>()?
             }
         };
-        Ok(Self { obstacle: obstacle.clone(), shapes })
+        let circles = match &obstacle.motion {
+            Motion::Occupancy(sets) => sets.iter().map(|set| bounding_circle(&set.region)).collect(),
+            _ => vec![(Point::origin(), obstacle.shape.bounding_radius())],
+        };
+        Ok(Self { obstacle: obstacle.clone(), shapes, circles })
+    }
+
+    /// Whether it may come within `reach` of a position between `time` and the next review. Never wrongly false.
+    fn comes_near(&self, time: f64, position: Point, reach: f64) -> bool {
+        // a step more than the interval: obstacles are sent to where they are at the end of a step
+        let until = time + 1.5 * REVIEW;
+        match &self.obstacle.motion {
+            Motion::Static(_) => true,
+            Motion::Trajectory(states) => {
+                let Some(&(_, radius)) = self.circles.first() else { return false };
+                let first = states.partition_point(|s| s.time <= time).saturating_sub(1);
+                let last = states.partition_point(|s| s.time <= until).min(states.len().saturating_sub(1));
+                let Some(window) = states.get(first..=last) else { return false };
+                let distance = |s: &TimedPose| (s.pose.position - position).norm();
+                let travel: f64 = window.windows(2).map(|w| (w[1].pose.position - w[0].pose.position).norm()).sum();
+                window.first().is_some_and(|s| distance(s) - travel <= reach + radius)
+            }
+            Motion::Occupancy(sets) => sets.iter().zip(&self.circles).any(|(set, (centre, radius))| {
+                set.from <= until && time <= set.to && (centre - position).norm() <= reach + radius
+            }),
+        }
     }
 
     /// Which of the shapes exists at `time`.
@@ -140,6 +186,26 @@ fn collider_shape(part: &ConvexPart, place: &dyn Fn(Point) -> RapierVector) -> O
             Some((RapierPose::IDENTITY, shape))
         }
     }
+}
+
+/// A circle that holds the whole shape, in the shape's frame.
+fn bounding_circle(shape: &Shape) -> (Point, f64) {
+    let parts = shape.convex_parts();
+    let points: Vec<Point> = parts
+        .iter()
+        .flat_map(|part| match part {
+            ConvexPart::Polygon(points) => points.clone(),
+            ConvexPart::Circle { centre, .. } => vec![*centre],
+        })
+        .collect();
+    let middle = Point::from(points.iter().map(|p| p.coords).sum::<Vector>() / points.len().max(1) as f64);
+    let radius = parts.iter().fold(0.0, |r: f64, part| {
+        r.max(match part {
+            ConvexPart::Polygon(points) => points.iter().fold(0.0, |r: f64, p| r.max((p - middle).norm())),
+            ConvexPart::Circle { centre, radius } => (centre - middle).norm() + radius,
+        })
+    });
+    (middle, radius)
 }
 
 fn is_finite(pose: &Pose) -> bool {

@@ -144,6 +144,13 @@ impl Physics {
         body.add_torque(wrench.yaw, true);
     }
 
+    /// Updates the contacts for the present poses; nothing moves.
+    pub(super) fn find_contacts(&mut self) {
+        let dt = std::mem::replace(&mut self.parameters.dt, 0.0);
+        self.step();
+        self.parameters.dt = dt;
+    }
+
     /// One step; whether every number stayed finite.
     pub(super) fn step(&mut self) -> bool {
         self.pipeline.step(

@@ -6,9 +6,9 @@ use rapier2d::dynamics::RigidBodyHandle;
 use rapier2d::geometry::ColliderHandle;
 
 use super::actuators::{ActuatorState, Command};
-use super::chassis::{Motion, RunningGear, Wrench};
+use super::chassis::{GRAVITY, Motion, RunningGear, Wrench};
 use super::convert::{Frame, point};
-use super::obstacles::Obstacles;
+use super::obstacles::{Obstacles, REVIEW};
 use super::physics::Physics;
 use super::{Contact, Log, Sample, Settings, SimulationError, controller};
 use crate::geometry::{Pose, Vector, wrap_angle};
@@ -78,10 +78,9 @@ impl World {
         let (chassis, footprint) = physics.insert_vehicle(vehicle, &frame, initial);
         let resistance = controller::resistance(vehicle, speed);
         let effort = if speed == 0.0 && acceleration == 0.0 { 0.0 } else { acceleration + resistance };
-        let mut obstacles = Obstacles::new(obstacles, &frame)?;
-        obstacles.place(&mut physics, time);
+        let obstacles = Obstacles::new(obstacles, &frame)?;
         let gear = RunningGear::rolling(vehicle, speed, acceleration, settings.friction_scale);
-        Ok(Self {
+        let mut world = Self {
             vehicle: Arc::new(vehicle.clone()),
             settings: *settings,
             physics,
@@ -97,7 +96,9 @@ impl World {
             steps: 0,
             yaw: pose.yaw,
             ended: None,
-        })
+        };
+        world.place_obstacles();
+        Ok(world)
     }
 
     /// Time of the run, s.
@@ -160,7 +161,12 @@ impl World {
         let mut first = true;
         while self.ended.is_none() && self.time() + half < until {
             if first || self.steps.is_multiple_of(decision) {
-                self.command = decide(&self.state());
+                let command = decide(&self.state());
+                if !(command.acceleration.is_finite() && command.steering.is_finite()) {
+                    self.ended = Some(Ended::Broke(self.time()));
+                    break;
+                }
+                self.command = command;
             }
             if log.samples.is_empty() {
                 log.samples.push(self.sample(&wanted(&self.state())));
@@ -170,6 +176,12 @@ impl World {
             if self.ended.is_some() || self.steps.is_multiple_of(sample) {
                 log.samples.push(self.sample(&wanted(&self.state())));
             }
+        }
+        if self.ended.is_none() {
+            // contacts of the last poses: a step finds those of the poses before it
+            self.physics.find_contacts();
+            let state = self.state();
+            self.ended = self.contact(state.time, state.speed).map(Ended::Contact);
         }
         match self.ended {
             Some(Ended::Contact(contact)) => log.contact = Some(contact),
@@ -195,12 +207,29 @@ impl World {
         let contact = self.contact(time, motion.forward);
         self.steps += 1;
         self.yaw += wrap_angle(self.rear_axle().yaw - self.yaw);
-        self.obstacles.place(&mut self.physics, time + dt);
+        self.place_obstacles();
         if let Some(contact) = contact {
             self.ended = Some(Ended::Contact(contact));
         } else if !sane {
             self.ended = Some(Ended::Broke(time + dt));
         }
+    }
+
+    /// Gives the obstacles that exist now their bodies; from time to time, decides which of them are near.
+    fn place_obstacles(&mut self) {
+        let time = self.time();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 50 to 10,000 steps: see Settings::validate
+        let interval = (REVIEW / self.settings.step) as u64;
+        if self.steps.is_multiple_of(interval) {
+            let (pose, motion) = self.measured();
+            let strongest = self.settings.friction_scale * self.vehicle.tyres.friction * GRAVITY;
+            let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
+            // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
+            let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;
+            let outline = self.vehicle.footprint().iter().fold(0.0, |r: f64, p| r.max(p.coords.norm()));
+            self.obstacles.review(time, pose.position, outline + travel);
+        }
+        self.obstacles.place(&mut self.physics, time);
     }
 
     /// The deepest contact with an obstacle of the lowest index, if any is touched.

@@ -1,0 +1,61 @@
+//! How many seconds of driving the rig simulates in a second: one second of driving is timed, so a time of 10 ms is
+//! 100 × real time. Each bench checks first that the run it times is the one it means.
+
+use divan::Bencher;
+use stopline::geometry::Pose;
+use stopline::geometry::spiral::CubicSpiral;
+use stopline::map::{Motion, Obstacle, ObstacleKind, Shape, TimedPose};
+use stopline::simulation::{Log, Settings, World};
+use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
+use stopline::vehicle::{self, State};
+
+fn main() {
+    divan::main();
+}
+
+/// Moving obstacles in the two lanes beside the vehicle, every 10 m ahead and behind, at its speed or half of it.
+fn traffic(count: usize) -> Vec<Obstacle> {
+    (0..count)
+        .map(|i| {
+            let (x, y, speed) =
+                (10.0 * (i as f64 / 2.0 - 4.0), if i % 2 == 0 { 4.0 } else { -4.0 }, 12.0 / (1 + i % 2) as f64);
+            let state = |k: usize| {
+                let time = 0.1 * k as f64;
+                TimedPose { time, pose: Pose::new(x + speed * time, y, 0.0), speed }
+            };
+            Obstacle {
+                id: i as i64,
+                kind: ObstacleKind::Vehicle,
+                shape: Shape::rectangle(4.5, 1.8),
+                motion: Motion::Trajectory((0..=100).map(state).collect()),
+            }
+        })
+        .collect()
+}
+
+#[divan::bench(args = [0, 30, 100])]
+fn a_second_of_driving(bencher: Bencher<'_, '_>, obstacles: usize) {
+    let vehicle = vehicle::load("bmw_320i").expect("a built-in vehicle");
+    let spiral = CubicSpiral { knots: [0.0, 0.002, -0.002, 0.0], length: 100.0 };
+    let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[spiral]).expect("one spiral");
+    let knot = SpeedKnot { time: 0.0, station: 0.0, speed: 12.0, acceleration: 0.0, jerk: 0.0 };
+    let end = SpeedKnot { time: 8.0, station: 96.0, ..knot };
+    let profile = SpeedProfile::new(vec![knot, end]).expect("ordered knots");
+    let trajectory = Trajectory { start_time: 0.0, path, profile };
+    let initial = State {
+        time: 0.0,
+        pose: Pose::new(0.0, 0.0, 0.0),
+        speed: 12.0,
+        acceleration: 0.0,
+        yaw_rate: 0.0,
+        steering: 0.0,
+    };
+    let world = World::new(&vehicle, &traffic(obstacles), &initial, &Settings::default()).expect("a sound world");
+    let mut log = Log::default();
+    world.clone().follow(&trajectory, 1.0, &mut log);
+    assert!(log.contact.is_none() && log.samples.len() == 101, "the run is cut short");
+    bencher.with_inputs(|| (world.clone(), Log::default())).bench_local_values(|(mut world, mut log)| {
+        world.follow(&trajectory, 1.0, &mut log);
+        log
+    });
+}

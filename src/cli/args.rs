@@ -1,0 +1,96 @@
+//! What can be typed.
+
+use std::path::PathBuf;
+
+use clap::{Args as ArgGroup, Parser, Subcommand};
+
+/// Shown at the end of `--help`.
+const EXIT_CODES: &str = "Exit codes:
+  0  it ran and every check held
+  1  it ran and a check failed: unsafe, uncomfortable, no plan
+  2  wrong use of the command line
+  3  an input is unreadable or invalid, or an output cannot be written
+  4  a fault of the program itself";
+
+/// Most threads that can be asked for.
+const MAX_THREADS: u16 = 1024;
+
+/// A local planner that never commits to a trajectory it cannot stop from, and a physics rig that checks it.
+#[derive(Debug, Parser)]
+#[command(name = "stopline", version, after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// One planning cycle from the initial state.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Plan(RunArgs),
+    /// Closed loop: replan at 10 Hz, execute in physics, judge.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Drive(RunArgs),
+}
+
+/// Arguments of `plan` and `drive`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct RunArgs {
+    /// Scenario file: CommonRoad XML, 2018b or 2020a.
+    pub(super) scenario: PathBuf,
+
+    /// Vehicle: the name of one built in, or a folder with vehicle.urdf and dynamics.toml.
+    #[arg(long, value_name = "NAME|FOLDER", default_value = "bmw_320i")]
+    pub(super) vehicle: String,
+
+    /// Settings to change, as TOML.
+    #[arg(long, value_name = "FILE.toml")]
+    pub(super) config: Option<PathBuf>,
+
+    /// Which planning problem of the file; needed if it has several.
+    #[arg(long, value_name = "ID", allow_negative_numbers = true)]
+    pub(super) problem: Option<i64>,
+
+    /// Kept in the result. Nothing is random today.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(super) seed: u64,
+
+    /// Threads to plan with; all cores if not given. The result does not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
+    pub(super) threads: Option<u16>,
+
+    /// The result as JSON; `-` prints it on stdout, and nothing else.
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    pub(super) json: Option<PathBuf>,
+
+    /// The driven samples (for `plan`, the planned ones) as a table.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) csv: Option<PathBuf>,
+
+    /// A CommonRoad solution of the kinematic single-track model.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) solution: Option<PathBuf>,
+
+    /// A picture.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) svg: Option<PathBuf>,
+
+    /// A recording for the Rerun viewer.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) rrd: Option<PathBuf>,
+
+    /// No report and no progress bar; errors only.
+    #[arg(long)]
+    pub(super) quiet: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Args::command().debug_assert();
+    }
+}

@@ -1,0 +1,232 @@
+//! Runs a job: the only file of the command line that knows planner, physics, verdict and pictures.
+
+use std::io::IsTerminal as _;
+use std::path::Path;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::job::{Job, Kind};
+use super::{Failure, json, say};
+use crate::drive::{self, Outcome, Run};
+use crate::io::{csv, files, solution};
+use crate::planner::Decision;
+use crate::simulation::{Log, Sample};
+use crate::verdict::{self, Metrics};
+
+pub(super) use crate::drive::Settings;
+
+/// What a run comes to.
+pub(super) struct Summary {
+    /// Whether it is a success: exit code 0.
+    pub(super) held: bool,
+    pub(super) metrics: Metrics,
+    pub(super) planning: Planning,
+    /// Deviation of the solution from what was driven, m, if one is asked for.
+    pub(super) solution: Option<Solution>,
+    pub(super) hash: String,
+    pub(super) json: serde_json::Value,
+}
+
+/// The solution file and how far it is from what was driven.
+pub(super) struct Solution {
+    pub(super) xml: String,
+    pub(super) max_deviation_m: f64,
+}
+
+/// Figures of planning.
+pub(super) struct Planning {
+    pub(super) cycles: usize,
+    pub(super) proven_cycles: usize,
+    pub(super) expansions: usize,
+    pub(super) candidates: usize,
+    pub(super) time_ms: Times,
+}
+
+/// Wall-clock times of the planning cycles, ms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Times {
+    pub(super) median: f64,
+    pub(super) p99: f64,
+    pub(super) max: f64,
+}
+
+/// Plans or drives, with a progress bar if somebody watches.
+pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = job.threads {
+        pool = pool.num_threads(usize::from(threads));
+    }
+    let pool = pool.build().map_err(|e| Failure::Fault(format!("no threads: {e}")))?;
+    let bar = progress_bar(job);
+    let (scenario, problem, vehicle, settings) = (&job.scenario, job.problem(), &job.vehicle, &job.settings);
+    let run = pool.install(|| match job.kind {
+        Kind::Plan => drive::plan(scenario, problem, vehicle, settings),
+        Kind::Drive => drive::drive(scenario, problem, vehicle, settings, &mut |time, end| show(&bar, time, end)),
+    });
+    bar.finish_and_clear();
+    run.map_err(Failure::file)
+}
+
+/// A bar on stderr, drawn only on a terminal.
+fn progress_bar(job: &Job) -> ProgressBar {
+    if job.quiet || job.kind == Kind::Plan || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());
+    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {msg}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn show(bar: &ProgressBar, time: f64, end: f64) {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // milliseconds of a run, saturating
+    let milliseconds = |seconds: f64| (seconds * 1000.0) as u64;
+    bar.set_length(milliseconds(end));
+    bar.set_position(milliseconds(time));
+    bar.set_message(format!("{time:.1} s of at most {end:.1} s"));
+}
+
+/// Everything that is said of a run.
+pub(super) fn result_of(job: &Job, run: &Run) -> Summary {
+    let metrics = verdict::metrics(run.scenario, run.vehicle, &run.cycles, &run.log, &verdict::Settings::default());
+    let mut summary = Summary {
+        held: held(job.kind, run),
+        metrics,
+        planning: planning(run),
+        solution: job.outputs.solution.is_some().then(|| fitted(job, run)).flatten(),
+        hash: String::new(),
+        json: serde_json::Value::Null,
+    };
+    json::fill(job, run, &mut summary);
+    summary
+}
+
+/// A plan is a success when its stop is proven, a drive when it was judged, every check held, and it came to an end that
+/// is not a failure in itself.
+fn held(kind: Kind, run: &Run) -> bool {
+    match kind {
+        Kind::Plan => run.outcome == Outcome::Planned,
+        Kind::Drive => {
+            let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision);
+            !failed && !run.verdict.checks.is_empty() && run.verdict.pass()
+        }
+    }
+}
+
+fn planning(run: &Run) -> Planning {
+    let proven = |decision: Decision| !matches!(decision, Decision::Unproven);
+    let mut times: Vec<f64> = run.cycles.iter().map(|c| c.stage_seconds.total * 1000.0).collect();
+    times.sort_by(f64::total_cmp);
+    Planning {
+        cycles: run.cycles.len(),
+        proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        expansions: run.cycles.iter().map(|c| c.expansions).sum(),
+        candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
+        time_ms: Times { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) },
+    }
+}
+
+/// The smallest value that a share of all does not exceed (nearest rank); 0 of nothing.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
+    // a share of a count
+    let rank = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+/// What was driven; for a plan, what is planned, as if it were driven exactly.
+pub(super) fn driven(kind: Kind, run: &Run) -> Log {
+    match kind {
+        Kind::Drive => run.log.clone(),
+        Kind::Plan => planned(run),
+    }
+}
+
+fn planned(run: &Run) -> Log {
+    /// Time between two samples, s.
+    const INTERVAL: f64 = 0.01;
+    let Some(cycle) = run.cycles.last().filter(|_| run.outcome == Outcome::Planned) else { return Log::default() };
+    let (start, end) = (cycle.committed.start_time, cycle.committed.end_time());
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a plan of seconds
+    let count = ((end - start) / INTERVAL).ceil().clamp(0.0, 1e6) as usize;
+    let sample = |i: usize| {
+        #[allow(clippy::cast_precision_loss)] // at most 1e6
+        let p = cycle.committed.at((start + i as f64 * INTERVAL).min(end));
+        let (yaw_rate, steering) = (p.speed * p.curvature, run.vehicle.steering_for_curvature(p.curvature));
+        Sample {
+            time: p.time,
+            pose: p.pose,
+            speed: p.speed,
+            lateral_speed: 0.0,
+            yaw_rate,
+            acceleration: p.acceleration,
+            lateral_acceleration: p.speed * yaw_rate,
+            steering,
+            commanded_acceleration: p.acceleration,
+            commanded_steering: steering,
+            wanted_pose: p.pose,
+            wanted_speed: p.speed,
+            wanted_station: p.station,
+        }
+    };
+    Log { samples: (0..=count).map(sample).collect(), ..Log::default() }
+}
+
+fn fitted(job: &Job, run: &Run) -> Option<Solution> {
+    /// Times of steps are products: allow their rounding.
+    const SLACK: f64 = 1e-6;
+    let log = driven(job.kind, run);
+    let end = log.samples.last().map_or(0.0, |s| s.time);
+    #[allow(clippy::cast_possible_truncation)] // a run of seconds
+    let last_step = (end / run.scenario.time_step + SLACK).floor() as i64;
+    let fit = solution::fit(run.scenario, run.problem, run.vehicle, &log, last_step);
+    let xml = solution::to_xml(run.scenario, run.problem, run.vehicle, &fit)?;
+    Some(Solution { xml, max_deviation_m: fit.max_deviation_m })
+}
+
+/// Writes the files that are asked for. A recording that fails does not fail the run.
+pub(super) fn write_outputs(job: &Job, run: &Run, result: &Summary) -> Result<(), Failure> {
+    let write = |path: &Option<std::path::PathBuf>, text: &dyn Fn() -> String| match path {
+        Some(path) => files::write_atomic(path, text().as_bytes()).map_err(Failure::file),
+        None => Ok(()),
+    };
+    let outputs = &job.outputs;
+    if !outputs.json_on_stdout() {
+        write(&outputs.json, &|| json::text(&result.json))?;
+    }
+    write(&outputs.csv, &|| csv::log_to_csv(&driven(job.kind, run)))?;
+    if let Some(solution) = &result.solution {
+        write(&outputs.solution, &|| solution.xml.clone())?;
+    }
+    write(&outputs.svg, &|| crate::plot::run_svg(run))?;
+    if let Some(path) = &outputs.rrd {
+        record(run, path);
+    }
+    Ok(())
+}
+
+#[cfg(feature = "rerun")]
+fn record(run: &Run, path: &Path) {
+    if let Err(error) = crate::recording::write(run, path) {
+        say(&format!("warning: {error}"));
+    }
+}
+
+/// Refused before the run starts.
+#[cfg(not(feature = "rerun"))]
+fn record(_: &Run, path: &Path) {
+    say(&format!("warning: {}: not written: no recordings in this build", path.display()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_nearest_ranks() {
+        let times: Vec<f64> = (1..=200).map(f64::from).collect();
+        assert_eq!((quantile(&times, 0.5), quantile(&times, 0.99), quantile(&times, 1.0)), (100.0, 198.0, 200.0));
+        assert_eq!((quantile(&[7.0], 0.5), quantile(&[7.0], 0.99), quantile(&[], 0.5)), (7.0, 7.0, 0.0));
+    }
+}

@@ -1,0 +1,151 @@
+//! A job: what was typed, resolved and checked. Once it exists, only the program itself can fail.
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use super::Failure;
+use super::args::{Command, RunArgs};
+use super::engine::Settings;
+use crate::io::{commonroad, files};
+use crate::map::{PlanningProblem, Scenario};
+use crate::vehicle::{self, Vehicle};
+
+/// Which command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Plan,
+    Drive,
+}
+
+/// Everything needed to run, read and checked.
+pub(super) struct Job {
+    pub(super) kind: Kind,
+    /// The scenario's file, for messages.
+    pub(super) file: PathBuf,
+    pub(super) scenario: Scenario,
+    /// Index of the planning problem.
+    problem: usize,
+    pub(super) vehicle: Vehicle,
+    pub(super) settings: Settings,
+    pub(super) seed: u64,
+    pub(super) threads: Option<u16>,
+    pub(super) outputs: Outputs,
+    pub(super) quiet: bool,
+}
+
+/// Where results go.
+#[derive(Debug)]
+pub(super) struct Outputs {
+    /// `-` is stdout.
+    pub(super) json: Option<PathBuf>,
+    pub(super) csv: Option<PathBuf>,
+    pub(super) solution: Option<PathBuf>,
+    pub(super) svg: Option<PathBuf>,
+    pub(super) rrd: Option<PathBuf>,
+}
+
+impl Command {
+    /// Reads the inputs and checks the outputs.
+    pub(super) fn into_job(self) -> Result<Job, Failure> {
+        match self {
+            Self::Plan(args) => Job::new(Kind::Plan, args),
+            Self::Drive(args) => Job::new(Kind::Drive, args),
+        }
+    }
+}
+
+impl Job {
+    fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
+        let inputs = [Some(args.scenario.as_path()), args.config.as_deref()];
+        let outputs = Outputs { json: args.json, csv: args.csv, solution: args.solution, svg: args.svg, rrd: args.rrd };
+        outputs.check(&inputs)?;
+        let scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
+        let problem = choose(&scenario, args.problem, &args.scenario)?;
+        let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
+        let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
+        if outputs.solution.is_some() && vehicle.commonroad_type.is_none() {
+            let reason = format!("--solution needs a vehicle with a CommonRoad type; {} has none", vehicle.name);
+            return Err(Failure::Use(reason));
+        }
+        Ok(Self {
+            kind,
+            file: args.scenario,
+            scenario,
+            problem,
+            vehicle,
+            settings,
+            seed: args.seed,
+            threads: args.threads,
+            outputs,
+            quiet: args.quiet,
+        })
+    }
+
+    /// The planning problem to solve.
+    pub(super) fn problem(&self) -> &PlanningProblem {
+        &self.scenario.problems[self.problem]
+    }
+}
+
+/// Index of the problem with that id, or of the only one.
+fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Failure> {
+    let ids = || scenario.problems.iter().map(|p| p.id.to_string()).collect::<Vec<_>>().join(", ");
+    match id {
+        Some(id) => scenario.problems.iter().position(|p| p.id == id).ok_or_else(|| {
+            Failure::File(format!("{}: has no planning problem {id}; it has {}", file.display(), ids()))
+        }),
+        None if scenario.problems.len() == 1 => Ok(0),
+        None => Err(Failure::File(format!(
+            "{}: has several planning problems; choose one of {} with --problem ID",
+            file.display(),
+            ids()
+        ))),
+    }
+}
+
+/// Reads settings from TOML and checks their ranges.
+fn settings(file: &Path) -> Result<Settings, Failure> {
+    /// Largest settings file, bytes.
+    const MAX_BYTES: u64 = 1 << 20;
+    let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {}", file.display(), e.to_string().trim_end()));
+    let mut text = String::new();
+    std::fs::File::open(file)
+        .and_then(|f| f.take(MAX_BYTES).read_to_string(&mut text))
+        .map_err(|e| error(&format_args!("cannot be read: {e}")))?;
+    let settings: Settings = toml::from_str(&text).map_err(|e| error(&e))?;
+    settings.validate().map_err(|e| error(&e))?;
+    Ok(settings)
+}
+
+impl Outputs {
+    pub(super) fn json_on_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+
+    /// The files to write.
+    fn files(&self) -> impl Iterator<Item = &Path> {
+        let json = self.json.as_deref().filter(|_| !self.json_on_stdout());
+        let others = [&self.csv, &self.solution, &self.svg, &self.rrd];
+        json.into_iter().chain(others.into_iter().filter_map(|p| p.as_deref()))
+    }
+
+    /// Each file once, none of them an input, all writable.
+    fn check(&self, inputs: &[Option<&Path>]) -> Result<(), Failure> {
+        if self.rrd.is_some() && !cfg!(feature = "rerun") {
+            let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
+            return Err(Failure::Use(reason.into()));
+        }
+        let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let mut taken: Vec<PathBuf> = inputs.iter().flatten().map(|p| real(p)).collect();
+        for file in self.files() {
+            let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());
+            if taken.contains(&real(file)) {
+                return Err(Failure::Use(format!("{}: is named twice, as input or output", file.display())));
+            }
+            if !is_device {
+                taken.push(real(file));
+            }
+        }
+        self.files().try_for_each(|file| files::check_writable(file).map_err(Failure::file))
+    }
+}

@@ -1,0 +1,128 @@
+//! The report for people.
+
+use std::fmt::Write as _;
+
+use super::engine::Summary;
+use super::job::Job;
+use crate::drive::Run;
+use crate::verdict::Check;
+
+/// Issues of the scenario shown; the JSON has all.
+const SHOWN_ISSUES: usize = 5;
+
+/// What the reader met, as lines for stderr.
+pub(super) fn issues(job: &Job) -> Vec<String> {
+    let issues = &job.scenario.issues;
+    if issues.is_empty() {
+        return Vec::new();
+    }
+    let mut lines = vec![format!("warning: {}: {} issue(s)", job.file.display(), issues.len())];
+    lines.extend(issues.iter().take(SHOWN_ISSUES).map(|issue| format!("  {issue}")));
+    if issues.len() > SHOWN_ISSUES {
+        lines.push(format!("  … and {} more, all of them in --json", issues.len() - SHOWN_ISSUES));
+    }
+    lines
+}
+
+/// Outcome, checks, metrics and planning as text for stdout.
+pub(super) fn text(run: &Run, result: &Summary) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = write!(text, "{}: {}", run.scenario.id, run.outcome.name());
+    if let Some(reason) = run.reason {
+        let _ = write!(text, " ({reason})");
+    }
+    let _ = writeln!(text, ", {}", if result.held { "pass" } else { "FAIL" });
+    let _ = writeln!(text, "vehicle {}, planning problem {}\n", run.vehicle.name, run.problem.id);
+    if !run.verdict.checks.is_empty() {
+        text += &table(&checks(run));
+        for failed in run.verdict.failures() {
+            let _ = writeln!(text, "{}: {}", failed.name, failed.note);
+        }
+        text.push('\n');
+    }
+    if !run.log.samples.is_empty() {
+        text += &table(&metrics(result));
+        text.push('\n');
+    }
+    let p = &result.planning;
+    let _ = writeln!(
+        text,
+        "planning: {} cycle(s), {} with a proven stop, {} candidates, {} expansions\n\
+         cycle time: {:.2} ms median, {:.2} ms p99, {:.2} ms max",
+        p.cycles, p.proven_cycles, p.candidates, p.expansions, p.time_ms.median, p.time_ms.p99, p.time_ms.max
+    );
+    if let Some(solution) = &result.solution {
+        let _ = writeln!(text, "solution: at most {:.3} m from what was driven", solution.max_deviation_m);
+    }
+    let _ = writeln!(text, "hash: {}", result.hash);
+    text
+}
+
+fn checks(run: &Run) -> Vec<Vec<String>> {
+    let head = ["check", "", "value", "limit", "unit", "at"].map(str::to_owned).to_vec();
+    let row = |c: &Check| {
+        vec![
+            c.name.to_owned(),
+            if c.pass { "held" } else { "FAILED" }.to_owned(),
+            number(c.value),
+            number(c.limit),
+            c.unit.to_owned(),
+            c.at_time.map_or_else(String::new, |t| format!("{t:.2} s")),
+        ]
+    };
+    std::iter::once(head).chain(run.verdict.checks.iter().map(row)).collect()
+}
+
+fn metrics(result: &Summary) -> Vec<Vec<String>> {
+    let m = &result.metrics;
+    let rows = [
+        ("distance", Some(m.distance_m), "m"),
+        ("duration", Some(m.duration_s), "s"),
+        ("mean speed", Some(m.mean_speed_mps), "m/s"),
+        ("largest acceleration", Some(m.max_abs_acceleration_mps2), "m/s²"),
+        ("largest lateral acceleration", Some(m.max_abs_lateral_acceleration_mps2), "m/s²"),
+        ("largest jerk", Some(m.max_abs_jerk_mps3), "m/s³"),
+        ("stop error", m.stop_error_m, "m"),
+        ("smallest clearance", m.min_clearance_m, "m"),
+        ("plan switches", Some(m.plan_switches_per_minute), "1/min"),
+    ];
+    let given = rows.into_iter().filter_map(|(name, value, unit)| value.map(|v| (name, v, unit)));
+    given.map(|(name, value, unit)| vec![name.to_owned(), number(value), unit.to_owned()]).collect()
+}
+
+fn number(value: f64) -> String {
+    format!("{value:.3}")
+}
+
+/// Columns as wide as their widest cell; cells that are numbers stand to the right.
+fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let cell = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |c| c.chars().count());
+    let widths: Vec<usize> = (0..columns).map(|c| rows.iter().map(|r| cell(r, c)).max().unwrap_or(0)).collect();
+    let is_number = |column: usize| rows.iter().any(|r| r.get(column).is_some_and(|c| c.parse::<f64>().is_ok()));
+    let numeric: Vec<bool> = (0..columns).map(is_number).collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells = row.iter().enumerate().map(|(c, cell)| {
+            let width = widths[c];
+            if numeric[c] { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
+        });
+        let line = cells.collect::<Vec<_>>().join("  ");
+        text += line.trim_end();
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_aligned_by_characters_not_bytes() {
+        let rows = [["check", "value", "unit"], ["jerk", "10.5", "m/s³"], ["stop", "-2", "m"]];
+        let rows: Vec<Vec<String>> = rows.iter().map(|r| r.iter().map(|c| (*c).to_owned()).collect()).collect();
+        assert_eq!(table(&rows), "check  value  unit\njerk    10.5  m/s³\nstop      -2  m\n");
+    }
+}
