@@ -89,7 +89,12 @@ impl Layout {
         let row = legend + LEGEND + GAP;
         let width = (CONTENT - 3.0 * GAP) / 4.0;
         let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 236.0 };
-        Self { scene, legend: (MARGIN, legend), panels: [0.0, 1.0, 2.0, 3.0].map(panel), page_height: row + 236.0 + MARGIN }
+        Self {
+            scene,
+            legend: (MARGIN, legend),
+            panels: [0.0, 1.0, 2.0, 3.0].map(panel),
+            page_height: row + 236.0 + MARGIN,
+        }
     }
 
     fn side_by_side(top: f64) -> Self {

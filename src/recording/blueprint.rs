@@ -95,7 +95,8 @@ impl Layout {
         let follow = self.top_view("Following", "follow", followed)?;
         let long = context.action.width().max(context.action.height()) > LONG;
         let top = self.tabs(&[overview, follow], if long { follow } else { overview })?;
-        let names = ["Speed, m/s", "Acceleration, m/s²", "Jerk, m/s³", "Lateral acceleration, m/s²", "Steering, degrees"];
+        let names =
+            ["Speed, m/s", "Acceleration, m/s²", "Jerk, m/s³", "Lateral acceleration, m/s²", "Steering, degrees"];
         let mut plots = Vec::new();
         for (name, (entity, range)) in names.into_iter().zip(series::ranges(context)) {
             plots.push(self.plot(name, entity, range)?);

@@ -203,8 +203,7 @@ fn log_axes(context: &Context, reach: &StationTime) -> Result<(), RecordingError
         let count = (end / step + 1e-9).floor() as u32;
         (0..=count).map(move |i| step * f64::from(i))
     };
-    let across =
-        steps(reach.seconds, second).map(|t| [reach.place(t, 0.0), reach.place(t, reach.metres)]);
+    let across = steps(reach.seconds, second).map(|t| [reach.place(t, 0.0), reach.place(t, reach.metres)]);
     let along = steps(reach.metres, metre).map(|s| [reach.place(0.0, s), reach.place(reach.seconds, s)]);
     let grid = LineStrips2D::new(across.chain(along).map(|line| flat(&line))).with_colors([GRID]);
     context.log_static("st/grid", &grid.with_radii([pixels(0.5)]).with_draw_order(0.0))?;
