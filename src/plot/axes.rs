@@ -192,7 +192,7 @@ fn ticks(range: (f64, f64), count: f64) -> Vec<f64> {
 }
 
 /// The smallest 1, 2 or 5 times a power of ten that is not below `step`; 1 for what is not a positive number.
-pub(super) fn nice_step(step: f64) -> f64 {
+pub(crate) fn nice_step(step: f64) -> f64 {
     if !(step.is_finite() && step > 0.0) {
         return 1.0;
     }

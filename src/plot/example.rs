@@ -7,6 +7,7 @@ use crate::drive::{Outcome, Run};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
+use crate::lattice::CostTerms;
 use crate::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part,
     PlanningProblem, RoadNetwork, Scenario, Shape, StopLine, TimedOccupancy, TimedPose,
@@ -73,6 +74,7 @@ impl Example {
             cycles: (0..CYCLES).map(|i| cycle(&driven, f64::from(i) * 0.6, i)).collect(),
             log: log(&driven, &self.vehicle),
             outcome: Outcome::StoppedSafely,
+            reason: None,
             verdict: verdict(),
         }
     }
@@ -256,6 +258,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     let candidates = bends.iter().zip(rejections).map(|(bend, rejected)| Candidate {
         path: passing(*bend, 15.0),
         cost: if rejected.is_some() { f64::INFINITY } else { (bend - 0.0185).abs() },
+        terms: CostTerms::default(),
         rejected,
     });
     let kept = index == 8;

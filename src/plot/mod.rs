@@ -7,7 +7,7 @@
 //! Weak: labels are placed by simple rules and may meet each other in dense traffic; a road that runs diagonally is
 //! not turned to fit the page.
 
-mod axes;
+pub(crate) mod axes;
 #[cfg(test)]
 pub(crate) mod example;
 pub(crate) mod motion;
@@ -23,7 +23,8 @@ use scene::{Scene, View};
 use svg::{Element, Page, Svg};
 
 use crate::drive::Run;
-use crate::verdict::Check;
+use crate::trajectory::Trajectory;
+use crate::verdict::{Check, jerk_limit};
 
 /// Width of the page and margin around everything, px.
 const PAGE_WIDTH: f64 = 1240.0;
@@ -37,6 +38,8 @@ const LEGEND: f64 = 26.0;
 const WIDE: f64 = 1.7;
 /// Failed checks listed in the header; the rest is counted.
 const LISTED_FAILURES: usize = 4;
+/// Characters in a line of the header at most: what fits with a wide font.
+const LINE_LENGTH: usize = 160;
 /// Seconds that the panels go on after the drive to show where its last plans would have stopped.
 const TAIL: f64 = 4.0;
 /// Curves carry a point each this many seconds at least.
@@ -70,7 +73,7 @@ pub fn run_svg(run: &Run) -> String {
 struct Layout {
     scene: Area,
     legend: Page,
-    panels: [Area; 3],
+    panels: [Area; 4],
     page_height: f64,
 }
 
@@ -84,21 +87,27 @@ impl Layout {
         let scene = Area { corner: (MARGIN, top), width: CONTENT, height: (CONTENT / aspect).clamp(150.0, 620.0) };
         let legend = top + scene.height + 8.0;
         let row = legend + LEGEND + GAP;
-        let width = (CONTENT - 2.0 * GAP) / 3.0;
-        let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 250.0 };
-        Self { scene, legend: (MARGIN, legend), panels: [0.0, 1.0, 2.0].map(panel), page_height: row + 250.0 + MARGIN }
+        let width = (CONTENT - 3.0 * GAP) / 4.0;
+        let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 236.0 };
+        Self {
+            scene,
+            legend: (MARGIN, legend),
+            panels: [0.0, 1.0, 2.0, 3.0].map(panel),
+            page_height: row + 236.0 + MARGIN,
+        }
     }
 
     fn side_by_side(top: f64) -> Self {
-        const HEIGHT: f64 = 720.0;
+        const HEIGHT: f64 = 760.0;
+        const PANEL_GAP: f64 = 10.0;
         let scene = Area { corner: (MARGIN, top), width: 0.62 * CONTENT, height: HEIGHT };
-        let (left, height) = (MARGIN + scene.width + GAP, (HEIGHT - 2.0 * GAP) / 3.0);
+        let (left, height) = (MARGIN + scene.width + GAP, (HEIGHT - 3.0 * PANEL_GAP) / 4.0);
         let width = CONTENT - scene.width - GAP;
-        let panel = |i: f64| Area { corner: (left, top + i * (height + GAP)), width, height };
+        let panel = |i: f64| Area { corner: (left, top + i * (height + PANEL_GAP)), width, height };
         Self {
             scene,
             legend: (MARGIN, top + HEIGHT + 8.0),
-            panels: [0.0, 1.0, 2.0].map(panel),
+            panels: [0.0, 1.0, 2.0, 3.0].map(panel),
             page_height: top + HEIGHT + LEGEND + 8.0 + MARGIN,
         }
     }
@@ -126,7 +135,8 @@ impl Header {
         if failed.len() > LISTED_FAILURES {
             failures.push(format!("and {} more", failed.len() - LISTED_FAILURES));
         }
-        let about = format!("{} · problem {} · {what}", run.vehicle.name, run.problem.id);
+        let reason = run.reason.map_or_else(String::new, |r| format!(" · {}", r.replace('_', " ")));
+        let about = format!("{} · problem {} · {what}{reason}", run.vehicle.name, run.problem.id);
         Self { title: run.scenario.id.clone(), about, badge: (verdict, colour), failures }
     }
 
@@ -160,7 +170,16 @@ fn describe(check: &Check) -> String {
     let unit = if check.unit.is_empty() { String::new() } else { format!(" {}", check.unit) };
     let when = check.at_time.map_or_else(String::new, |t| format!(" at {t:.2} s"));
     let number = |v: f64| if v.is_finite() { format!("{v:.2}{unit}") } else { "none".into() };
-    format!("{}: {}, limit {}{when} ({})", check.name, number(check.value), number(check.limit), check.note)
+    let text = format!("{}: {}, limit {}{when}: {}", check.name, number(check.value), number(check.limit), check.note);
+    shortened(&text, LINE_LENGTH)
+}
+
+/// Text of at most `length` characters, with an ellipsis where it was cut.
+fn shortened(text: &str, length: usize) -> String {
+    if text.chars().count() <= length {
+        return text.into();
+    }
+    text.chars().take(length.saturating_sub(1)).chain(['…']).collect()
 }
 
 /// The smallest of 5, 10, 15, … that is not below the speed.
@@ -236,8 +255,8 @@ fn speed_key(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
     end + 6.6 * text.chars().count() as f64 + 22.0
 }
 
-/// Speed, acceleration and lateral acceleration over time.
-fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
+/// Speed, accelerations and jerk over time.
+fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
     let (from, to) = motion.time_range();
     let stopped = run.cycles.iter().map(|c| c.committed.end_time()).fold(to, f64::max);
     let time = (from, stopped.clamp(to, to + TAIL));
@@ -266,6 +285,13 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
     }
     let limit = |value: f64, label: &'static str| LimitLine { value, label, colour: style::LIMIT };
     let last_resort = LimitLine { value: -comfort.aggressive_deceleration, label: "proofs only", colour: style::ALARM };
+    let jerk_limits = |side: f64| Curve {
+        points: samples.iter().map(|s| (s.time, side * jerk_limit(comfort.jerk, s.speed))).collect(),
+        colour: style::LIMIT,
+        width: 1.0,
+        dash: "5 4",
+        class: "limit",
+    };
     let (accel, decel, side) = (comfort.acceleration, comfort.deceleration, comfort.lateral_acceleration);
     [
         Panel {
@@ -287,13 +313,22 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 3] {
             at_least: (-comfort.aggressive_deceleration, accel),
         },
         Panel {
-            title: "Lateral acceleration, m/s², left positive",
+            title: "Lateral acceleration, m/s²",
             id: "lateral-acceleration",
             key: vec![],
             curves: vec![driven(|s| s.lateral_acceleration, 1.8)],
             limits: vec![limit(side, "comfort"), limit(-side, "comfort")],
             time,
             at_least: (-side, side),
+        },
+        Panel {
+            title: "Jerk, m/s³",
+            id: "jerk",
+            key: vec![("comfort", style::LIMIT)],
+            curves: vec![jerk_limits(1.0), jerk_limits(-1.0), driven(|s| s.jerk, 1.8)],
+            limits: vec![],
+            time,
+            at_least: (-comfort.jerk, comfort.jerk),
         },
     ]
 }
@@ -308,23 +343,24 @@ fn proof_tails(run: &Run) -> Vec<Curve> {
         }
         next = cycle.time + 0.5 - 1e-9;
         let plan = &cycle.committed;
-        let times = plan.profile.knots().iter().flat_map(|k| {
-            // speed is quadratic where jerk is not zero: a few points between the knots
-            [0.0, 0.25, 0.5, 0.75].map(|part| (k.time, part))
-        });
-        let ends: Vec<f64> = plan.profile.knots().iter().map(|k| k.time).collect();
-        let points = times
-            .filter_map(|(start, part)| {
-                let after = ends.partition_point(|t| *t <= start);
-                let end = *ends.get(after)?;
-                Some(start + part * (end - start))
-            })
-            .chain(ends.last().copied())
-            .map(|t| (plan.start_time + t, plan.profile.at(t).speed))
-            .collect();
+        let points = steps(cycle.time, plan).map(|t| (t, plan.at(t).speed)).collect();
         tails.push(Curve { points, colour: style::PLAN, width: 0.8, dash: "", class: "proof" });
     }
     tails
+}
+
+/// Times of the run from `from` to the end of a plan: its knots and some between, where speed may be quadratic.
+fn steps(from: f64, plan: &Trajectory) -> impl Iterator<Item = f64> {
+    const BETWEEN: u32 = 4;
+    let later = plan.profile.knots().iter().map(|k| plan.start_time + k.time).filter(move |t| *t > from);
+    let mut knots: Vec<f64> = std::iter::once(from).chain(later).collect();
+    let last = knots.pop();
+    let ends = knots.clone().into_iter().skip(1).chain(last);
+    let between = knots
+        .into_iter()
+        .zip(ends)
+        .flat_map(|(start, end)| (0..BETWEEN).map(move |i| start + (end - start) * f64::from(i) / f64::from(BETWEEN)));
+    between.chain(last)
 }
 
 /// The posted speed limit along the way, in pieces where there is one.
@@ -376,7 +412,7 @@ mod tests {
         let read = roxmltree::Document::parse(&svg).unwrap();
         let ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
         let parts = ["scene", "goal", "driven-path", "driven-footprints", "committed-plans", "candidates", "scale-bar"];
-        let panels = ["speed", "acceleration", "lateral-acceleration", "legend", "header", "stop-line-1"];
+        let panels = ["speed", "acceleration", "lateral-acceleration", "jerk", "legend", "header", "stop-line-1"];
         let obstacles: Vec<String> = example.scenario.obstacles.iter().map(|o| format!("obstacle-{}", o.id)).collect();
         let lanelets = ["lanelet-1", "lanelet-2", "lanelet-3"];
         let expected = parts.into_iter().chain(panels).chain(lanelets).chain(obstacles.iter().map(String::as_str));

@@ -4,6 +4,7 @@ use crate::drive::Run;
 use crate::geometry::Pose;
 use crate::map::RoadNetwork;
 use crate::simulation::Sample;
+use crate::verdict::{self, zero_phase_low_pass};
 
 /// Motion over time.
 #[derive(Debug, Clone)]
@@ -29,18 +30,13 @@ pub(crate) struct MotionSample {
     pub(crate) acceleration: f64,
     /// Lateral acceleration, m/s², left positive.
     pub(crate) lateral_acceleration: f64,
-    /// Longitudinal jerk, m/s³; see [`JERK_WINDOW`].
+    /// Longitudinal jerk, m/s³: of the filtered acceleration, as the verdict judges it.
     pub(crate) jerk: f64,
     /// Steering angle, rad.
     pub(crate) steering: f64,
     /// Steering angle asked for, rad.
     pub(crate) wanted_steering: f64,
 }
-
-/// Driven jerk is shown as the difference of the mean accelerations over this time after and before the instant,
-/// divided by it, s: the derivative behind a triangular filter of twice this width. Shorter windows show the ripple of
-/// the tyres, longer ones hide the start of braking.
-pub(crate) const JERK_WINDOW: f64 = 0.2;
 
 /// Spacing at which a plan is sampled, s.
 const PLAN_STEP: f64 = 0.05;
@@ -113,7 +109,7 @@ pub(crate) fn speed_limit_at(network: &RoadNetwork, pose: &Pose) -> Option<f64> 
 fn planned(run: &Run) -> Vec<MotionSample> {
     let Some(cycle) = run.cycles.first() else { return Vec::new() };
     let plan = &cycle.committed;
-    let (from, to) = (plan.start_time, plan.end_time());
+    let (from, to) = (cycle.time.max(plan.start_time), plan.end_time().max(cycle.time));
     let steps = ((to - from) / PLAN_STEP).ceil().clamp(1.0, 100_000.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped above
     (0..=steps as usize)
@@ -166,25 +162,18 @@ fn is_finite(s: &Sample) -> bool {
     numbers.iter().all(|n| n.is_finite())
 }
 
-/// Jerk at each sample; see [`JERK_WINDOW`]. At the ends the windows are cut off, at the very ends it is 0.
+/// Jerk at each sample: central differences of the filtered acceleration, as in the verdict's `comfort_jerk`.
 fn filtered_jerk(log: &[Sample]) -> Vec<f64> {
-    let mut sums = Vec::with_capacity(log.len() + 1);
-    sums.push(0.0);
-    for sample in log {
-        sums.push(sums[sums.len() - 1] + sample.acceleration);
-    }
-    let mean = |from: usize, to: usize| (sums[to] - sums[from]) / (to - from) as f64;
-    let middle = |from: usize, to: usize| f64::midpoint(log[from].time, log[to - 1].time);
+    let (Some(first), Some(last)) = (log.first(), log.last()) else { return Vec::new() };
+    let rate = (log.len() - 1) as f64 / (last.time - first.time);
+    let felt: Vec<f64> = log.iter().map(|s| s.acceleration).collect();
+    let cutoff = verdict::Settings::default().comfort_cutoff;
+    let felt = if rate.is_finite() { zero_phase_low_pass(&felt, cutoff, rate) } else { felt };
     (0..log.len())
         .map(|i| {
-            let time = log[i].time;
-            let first = log.partition_point(|s| s.time < time - JERK_WINDOW - 1e-9);
-            let last = log.partition_point(|s| s.time <= time + JERK_WINDOW + 1e-9);
-            if first == i || last == i + 1 {
-                return 0.0;
-            }
-            let distance = middle(i, last) - middle(first, i + 1);
-            if distance > 0.0 { (mean(i, last) - mean(first, i + 1)) / distance } else { 0.0 }
+            let (before, after) = (i.saturating_sub(1), (i + 1).min(log.len() - 1));
+            let step = log[after].time - log[before].time;
+            if step > 0.0 { (felt[after] - felt[before]) / step } else { 0.0 }
         })
         .collect()
 }
@@ -202,7 +191,10 @@ mod tests {
             s.acceleration = 0.3 - 1.7 * s.time;
         }
         let jerk = filtered_jerk(&samples);
-        assert!(jerk[1..jerk.len() - 1].iter().all(|j| (j + 1.7).abs() < 1e-9), "{jerk:?}");
+        // the filter takes the ends for level
+        let inner = &jerk[100..jerk.len() - 100];
+        assert!(inner.iter().all(|j| (j + 1.7).abs() < 1e-3), "{inner:?}");
+        assert_eq!(filtered_jerk(&samples[..1]), [0.0]);
     }
 
     #[test]

@@ -87,19 +87,25 @@ impl Scene<'_> {
         let lanelets: Vec<&Lanelet> =
             self.run.scenario.network.lanelets.values().filter(|l| view.bounds.shows(&l.outline())).collect();
         svg.group(&Element::new("g").with("id", "road"), |svg| {
-            for l in &lanelets {
-                let fill = if l.is_drivable() { style::ROAD } else { style::WAY };
-                // stroked in its own colour: no hairlines between neighbours
-                let surface = view.polygon(&l.outline()).with("id", &format!("lanelet-{}", l.id)).with("fill", fill);
-                svg.add(&surface.with("stroke", fill).num("stroke-width", 0.8));
+            // bounds lie under the surfaces: only the rim of the road stays visible, not every lane of a junction
+            svg.group(&Element::new("g").with("stroke", style::BOUND).num("stroke-width", 2.4), |svg| {
+                for line in lanelets.iter().flat_map(|l| [&l.left, &l.right]) {
+                    svg.add(&view.line(line.points()).with("class", "bound"));
+                }
+            });
+            for drivable in [false, true] {
+                for l in lanelets.iter().filter(|l| l.is_drivable() == drivable) {
+                    let fill = if drivable { style::ROAD } else { style::WAY };
+                    let surface = view.polygon(&l.outline()).with("id", &format!("lanelet-{}", l.id));
+                    // stroked in its own colour: no hairlines between neighbours
+                    svg.add(&surface.with("fill", fill).with("stroke", fill).num("stroke-width", 0.6));
+                }
             }
             for l in lanelets.iter().filter(|l| l.is_drivable()) {
                 let centre = view.line(l.centre.points()).with("class", "centre-line").with("stroke", style::CENTRE);
                 svg.add(&centre.num("stroke-width", 0.8).with("stroke-dasharray", "2 5"));
             }
-            for l in &lanelets {
-                bounds_of(svg, view, l);
-            }
+            lanelets.iter().for_each(|l| lane_marks(svg, view, l));
         });
         svg.group(&Element::new("g").with("id", "stop-lines").with("stroke", style::STOP_LINE), |svg| {
             let lines = lanelets.iter().filter_map(|l| l.stop_line.map(|line| (l.id, line)));
@@ -223,16 +229,14 @@ impl Scene<'_> {
     }
 }
 
-/// The bounds of a lanelet: solid, and dashed white towards a neighbour that is driven in the same direction.
-fn bounds_of(svg: &mut Svg, view: &View, lanelet: &Lanelet) {
+/// The bounds that a lanelet shares with a neighbour: dashed if it is driven in the same direction, else solid.
+fn lane_marks(svg: &mut Svg, view: &View, lanelet: &Lanelet) {
     let sides = [(&lanelet.left, lanelet.adjacent_left), (&lanelet.right, lanelet.adjacent_right)];
     for (line, neighbour) in sides {
-        let element = view.line(line.points()).with("class", "bound");
-        svg.add(&if neighbour.is_some_and(|n| n.same_direction) {
-            element.with("stroke", style::LANE_MARK).num("stroke-width", 1.5).with("stroke-dasharray", "9 7")
-        } else {
-            element.with("stroke", style::BOUND).num("stroke-width", 1.1)
-        });
+        let Some(neighbour) = neighbour else { continue };
+        let mark = view.line(line.points()).with("class", "lane-mark").with("stroke", style::LANE_MARK);
+        let mark = mark.num("stroke-width", 1.4);
+        svg.add(&if neighbour.same_direction { mark.with("stroke-dasharray", "9 7") } else { mark });
     }
 }
 
@@ -249,6 +253,9 @@ fn moving_outlines(svg: &mut Svg, view: &View, obstacle: &Obstacle, ticks: &[f64
     svg.add(&view.line(&middles).num("stroke-width", 0.7).with("stroke-opacity", "0.5"));
     // sets overlap from one second to the next: their fills add up
     let strength = if matches!(obstacle.motion, ObstacleMotion::Occupancy(_)) { 0.06 } else { 0.2 };
+    // what stands, as in a queue, needs no times
+    let ends = middles.first().zip(middles.last()).map(|(a, b)| (view.page(a), view.page(b)));
+    let moves = ends.is_some_and(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1) > LABEL_ROOM);
     let mut last: Option<Page> = None;
     for (i, (time, outlines)) in seen.iter().enumerate() {
         let age = (i + 1) as f64 / seen.len() as f64;
@@ -258,7 +265,7 @@ fn moving_outlines(svg: &mut Svg, view: &View, obstacle: &Obstacle, ticks: &[f64
         }
         let Some(bounds) = Bounds::around(outlines.iter().flatten()) else { continue };
         let (x, y) = view.page(&Point::new(bounds.centre().x, bounds.max.y));
-        if last.is_none_or(|l| (l.0 - x).hypot(l.1 - y) >= 2.0 * LABEL_ROOM) {
+        if moves && last.is_none_or(|l| (l.0 - x).hypot(l.1 - y) >= 2.0 * LABEL_ROOM) {
             last = Some((x, y));
             time_label(svg, (x, y - 4.0), *time, colour);
         }
@@ -279,10 +286,10 @@ pub(super) fn moving_colour(obstacle: &Obstacle) -> &'static str {
     }
 }
 
-/// The committed plan's path, from where it starts to where it ends.
+/// The committed plan's path, from where the vehicle is to where it ends.
 fn planned_points(cycle: &Cycle) -> Vec<Point> {
     let plan = &cycle.committed;
-    let (from, to) = (plan.profile.at(0.0).station, plan.profile.last().station);
+    let (from, to) = (plan.at(cycle.time).station, plan.profile.last().station);
     let steps = ((to - from) / PATH_SPACING).ceil().clamp(1.0, 10_000.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped above
     let points = (0..=steps as usize).map(|i| plan.path.at(from + (to - from) * i as f64 / steps).pose.position);
@@ -301,6 +308,8 @@ fn scale_bar(svg: &mut Svg, view: &View) {
     let (left, bottom) = (view.area.corner.0 + 14.0, view.area.corner.1 + view.area.height - 12.0);
     let right = left + length * view.scale;
     svg.group(&Element::new("g").with("id", "scale-bar").with("stroke", style::INK).num("stroke-width", 1.4), |svg| {
+        let backing = Element::rect((left - 8.0, bottom - 20.0), right - left + 16.0, 27.0).num("rx", 3.0);
+        svg.add(&backing.with("fill", style::PAPER).with("fill-opacity", "0.75").with("stroke", "none"));
         svg.add(
             &Element::polyline([(left, bottom - 4.0), (left, bottom), (right, bottom), (right, bottom - 4.0)])
                 .with("fill", "none"),

@@ -13,7 +13,7 @@ use rerun::external::re_sdk_types::blueprint::components::{
 use rerun::external::re_sdk_types::blueprint::datatypes::{TextLogColumn, TextLogColumnKind};
 use rerun::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
-use super::series::StationTime;
+use super::series::{self, StationTime};
 use super::style::GROUND;
 use super::{APPLICATION, Context, RecordingError, TIMELINE};
 
@@ -95,15 +95,18 @@ impl Layout {
         let follow = self.top_view("Following", "follow", followed)?;
         let long = context.action.width().max(context.action.height()) > LONG;
         let top = self.tabs(&[overview, follow], if long { follow } else { overview })?;
-        let speed = self.plot("Speed, m/s", "speed", true)?;
-        let acceleration = self.plot("Acceleration, m/s²", "acceleration", false)?;
-        let jerk = self.plot("Jerk, m/s³", "jerk", false)?;
-        let lateral = self.plot("Lateral acceleration, m/s²", "lateral_acceleration", false)?;
-        let steering = self.plot("Steering, degrees", "steering", true)?;
+        let names =
+            ["Speed, m/s", "Acceleration, m/s²", "Jerk, m/s³", "Lateral acceleration, m/s²", "Steering, degrees"];
+        let mut plots = Vec::new();
+        for (name, (entity, range)) in names.into_iter().zip(series::ranges(context)) {
+            plots.push(self.plot(name, entity, range)?);
+        }
         let reach = StationTime::of(&context.run.cycles);
         let station_time = self.flat_view("Station over time", "st", &["+ $origin/**"], reach.view())?;
-        let upper = self.row(&[speed, acceleration, jerk], &[1.0, 1.0, 1.0])?;
-        let lower = self.row(&[lateral, steering, station_time], &[1.0, 1.0, 1.0])?;
+        plots.push(station_time);
+        let (first, second) = plots.split_at(3);
+        let upper = self.row(first, &[1.0, 1.0, 1.0])?;
+        let lower = self.row(second, &[1.0, 1.0, 1.0])?;
         let aspect = context.action.width() / context.action.height();
         // a long narrow road needs less height
         let share = if aspect > 4.0 { 1.3 } else { 2.2 };
@@ -152,11 +155,14 @@ impl Layout {
         Ok(view)
     }
 
-    fn plot(&mut self, name: &str, entity: &str, legend: bool) -> Result<Placed, RecordingError> {
+    fn plot(&mut self, name: &str, entity: &str, range: [f64; 2]) -> Result<Placed, RecordingError> {
         let view = self.view("TimeSeries", name, &format!("series/{entity}"), &["+ $origin/**"])?;
         let axis = bp::TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
         self.log(&format!("{}/TimeAxis", view.path()), &axis)?;
-        let legend = bp::PlotLegend::new().with_corner(Corner2D::RightTop).with_visible(legend);
+        let values = bp::ScalarAxis::new().with_range(rerun::datatypes::Range1D(range));
+        self.log(&format!("{}/ScalarAxis", view.path()), &values)?;
+        // one legend for all of them: a second curve means the same in each
+        let legend = bp::PlotLegend::new().with_corner(Corner2D::RightTop).with_visible(entity == "speed");
         self.log(&format!("{}/PlotLegend", view.path()), &legend)?;
         Ok(view)
     }

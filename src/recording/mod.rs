@@ -29,8 +29,7 @@ mod style;
 mod text;
 mod traffic;
 
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rerun::log::ChunkBatcherConfig;
 use rerun::{RecordingStream, RecordingStreamBuilder};
@@ -38,6 +37,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::drive::Run;
 use crate::geometry::Point;
+use crate::io::files::{WriteError, write_atomic};
 use crate::plot::motion::Motion;
 use crate::plot::outline::{Bounds, action_bounds};
 
@@ -55,13 +55,8 @@ pub enum RecordingError {
     #[error("the recording could not be made: {0}")]
     Made(Box<dyn std::error::Error + Send + Sync>),
     /// The file could not be written.
-    #[error("{}: the recording could not be written: {source}", path.display())]
-    Written {
-        /// The file asked for.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Written(#[from] WriteError),
 }
 
 impl RecordingError {
@@ -76,8 +71,8 @@ impl RecordingError {
 /// # Errors
 /// [`RecordingError::Written`] if the file can't be written, [`RecordingError::Made`] if Rerun fails.
 pub fn write(run: &Run, path: &Path) -> Result<(), RecordingError> {
-    let bytes = recorded(run)?;
-    replace(path, &bytes).map_err(|source| RecordingError::Written { path: path.to_owned(), source })
+    write_atomic(path, &recorded(run)?)?;
+    Ok(())
 }
 
 /// What all parts of the recording need.
@@ -177,27 +172,11 @@ fn recording_id(run: &Run) -> String {
     hash.finalize().iter().take(16).map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Writes beside the file and renames: whoever looks at `path` sees the old file or the whole new one.
-fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".recording-");
-    #[cfg(unix)]
-    {
-        // temporary files are private by default; the user's mask decides about this one
-        use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|e| e.error)?;
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::plot::example::Example;
+    use std::path::PathBuf;
 
     #[test]
     fn the_recording_is_written_whole() {
@@ -210,7 +189,7 @@ mod tests {
         assert_eq!(&bytes[..4], b"RRF2");
         assert!(bytes.len() > 100_000, "{} bytes", bytes.len());
         let left_over = std::fs::read_dir(&folder).unwrap().flatten();
-        let left_over = left_over.filter(|f| f.file_name().to_string_lossy().starts_with(".recording-"));
-        assert_eq!(left_over.count(), 0);
+        let left_over = left_over.filter(|f| f.file_name().to_string_lossy().ends_with(".rrd"));
+        assert_eq!(left_over.count(), 1);
     }
 }

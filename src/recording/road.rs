@@ -14,14 +14,18 @@ const SURFACE_MARGIN: f64 = 60.0;
 
 /// Logs the map and the goal.
 pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
-    log_surface(context)?;
+    let surface = log_surface(context)?;
     let network = &context.run.scenario.network;
     let lanelets: Vec<&Lanelet> = network.lanelets.values().collect();
     let centres = lanelets.iter().filter(|l| l.is_drivable()).map(|l| context.line(l.centre.points())).collect();
     context.log_static("map/centre_lines", &strips(centres, style::CENTRE, pixels(0.5), order::MARKS))?;
     let sides = lanelets.iter().flat_map(|l| [(&l.left, l.adjacent_left), (&l.right, l.adjacent_right)]);
     let (inner, outer): (Vec<_>, Vec<_>) = sides.partition(|(_, n)| n.is_some_and(|n| n.same_direction));
-    let bounds = outer.iter().map(|(line, _)| context.line(line.points())).collect();
+    let bounds = outer.iter().flat_map(|(line, neighbour)| match neighbour {
+        Some(_) => vec![line.points().to_vec()],
+        None => surface.rim(line),
+    });
+    let bounds = bounds.map(|line| context.line(&line)).collect();
     context.log_static("map/bounds", &strips(bounds, style::BOUND, pixels(1.0), order::MARKS))?;
     let marks = inner.iter().flat_map(|(line, _)| dashes(line, 3.0, 4.5)).map(|dash| context.line(&dash)).collect();
     context.log_static("map/lane_marks", &strips(marks, style::LANE_MARK, pixels(0.9), order::MARKS))?;
@@ -34,7 +38,7 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
 }
 
 /// The surface as an image: 2D views have no filled polygons.
-fn log_surface(context: &Context) -> Result<(), RecordingError> {
+fn log_surface(context: &Context) -> Result<Surface, RecordingError> {
     let network = &context.run.scenario.network;
     let region = context.action.grown(SURFACE_MARGIN);
     let surface = Surface::paint(network, &region);
@@ -43,6 +47,7 @@ fn log_surface(context: &Context) -> Result<(), RecordingError> {
     let scale = surface.pixel as f32;
     let place = Transform3D::from_translation_scale([corner[0], corner[1], 0.0], [scale, scale, 1.0]);
     context.log_static("map/surface", &place)?;
-    let image = rerun::Image::from_rgb24(surface.rgb, surface.size).with_draw_order(order::SURFACE);
-    context.log_static("map/surface", &image)
+    let image = rerun::Image::from_rgb24(surface.rgb.clone(), surface.size).with_draw_order(order::SURFACE);
+    context.log_static("map/surface", &image)?;
+    Ok(surface)
 }

@@ -7,7 +7,9 @@ use super::style::{Rgb, metres, pixels};
 use super::{Context, RecordingError, TIMELINE};
 use crate::geometry::Point;
 use crate::planner::Cycle;
+use crate::plot::axes::nice_step;
 use crate::plot::motion::{MotionSample, speed_limit_at};
+use crate::verdict::jerk_limit;
 
 const DRIVEN: Rgb = (92, 170, 255);
 const WANTED: Rgb = (255, 190, 70);
@@ -21,8 +23,8 @@ const PLAN: Rgb = (92, 224, 255);
 
 /// Points of a curve are this far apart at least, s.
 const STEP: f64 = 0.01;
-/// A second is drawn as long as this many metres in the station–time picture.
-const SECOND: f64 = 8.0;
+/// Width of the station–time picture, as a multiple of its height.
+const ASPECT: f64 = 1.7;
 /// Cells with a fill in one station–time picture; more are drawn hollow.
 const FILLED_CELLS: usize = 60;
 
@@ -38,6 +40,9 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
     curve("acceleration/driven", driven, (DRIVEN, 2.0), &|s| s.acceleration)?;
     curve("jerk/driven", driven, (DRIVEN, 1.5), &|s| s.jerk)?;
     curve("lateral_acceleration/driven", driven, (DRIVEN, 2.0), &|s| s.lateral_acceleration)?;
+    let jerk = context.run.vehicle.comfort.jerk;
+    curve("jerk/comfort_most", "comfort", (COMFORT, 1.0), &|s| jerk_limit(jerk, s.speed))?;
+    curve("jerk/comfort_least", "comfort, falling", (COMFORT, 1.0), &|s| -jerk_limit(jerk, s.speed))?;
     curve("steering/driven", driven, (DRIVEN, 2.0), &|s| s.steering.to_degrees())?;
     if context.motion.driven {
         curve("speed/wanted", "wanted", (WANTED, 1.2), &|s| s.wanted_speed)?;
@@ -60,8 +65,6 @@ fn log_comfort(context: &Context) -> Result<(), RecordingError> {
         ("series/acceleration/comfort_most", "comfort", COMFORT, comfort.acceleration),
         ("series/acceleration/comfort_least", "comfort, braking", COMFORT, -comfort.deceleration),
         ("series/acceleration/proof", "proofs only", LIMIT, -comfort.aggressive_deceleration),
-        ("series/jerk/comfort_most", "comfort", COMFORT, comfort.jerk),
-        ("series/jerk/comfort_least", "comfort, falling", COMFORT, -comfort.jerk),
         ("series/lateral_acceleration/comfort_left", "comfort, left", COMFORT, comfort.lateral_acceleration),
         ("series/lateral_acceleration/comfort_right", "comfort, right", COMFORT, -comfort.lateral_acceleration),
     ];
@@ -89,6 +92,26 @@ fn send(
     context.stream.send_columns(entity, [times], values).map_err(RecordingError::made)
 }
 
+/// What the plots show at least, so that noise about a constant does not fill them: per entity, from and to.
+pub(super) fn ranges(context: &Context) -> [(&'static str, [f64; 2]); 5] {
+    let comfort = &context.run.vehicle.comfort;
+    let samples = &context.motion.samples;
+    let around = |value: fn(&MotionSample) -> f64, low: f64, high: f64| {
+        let (low, high) = samples.iter().map(value).fold((low, high), |(low, high), v| (low.min(v), high.max(v)));
+        let air = 0.08 * (high - low);
+        [if low < 0.0 { low - air } else { low }, high + air]
+    };
+    let limits = samples.iter().step_by(10).filter_map(|s| speed_limit_at(&context.run.scenario.network, &s.pose));
+    let (side, jerk) = (comfort.lateral_acceleration, 2.0 * comfort.jerk);
+    [
+        ("speed", around(|s| s.speed.max(s.wanted_speed), 0.0, limits.fold(1.0, f64::max))),
+        ("acceleration", around(|s| s.acceleration, -comfort.aggressive_deceleration, comfort.acceleration)),
+        ("jerk", around(|s| s.jerk, -jerk, jerk)),
+        ("lateral_acceleration", around(|s| s.lateral_acceleration, -side, side)),
+        ("steering", around(|s| s.steering.to_degrees(), -2.0, 2.0)),
+    ]
+}
+
 /// How far the station–time pictures reach: seconds and metres ahead, over all cycles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StationTime {
@@ -114,17 +137,17 @@ impl StationTime {
     }
 
     /// Where a moment lies in the picture: time to the right, stations upwards (y is down in the viewer).
-    fn place(time: f64, station: f64) -> Point {
-        Point::new(SECOND * time, -station)
+    fn place(&self, time: f64, station: f64) -> Point {
+        Point::new(ASPECT * self.metres * time / self.seconds, -station)
     }
 
     /// The box to show, x and y.
     pub(super) fn view(&self) -> ([f64; 2], [f64; 2]) {
-        ([-0.6 * SECOND, SECOND * (self.seconds + 0.5)], [-1.08 * self.metres, 0.1 * self.metres])
+        ([-0.25 * self.metres, (ASPECT + 0.1) * self.metres], [-1.06 * self.metres, 0.14 * self.metres])
     }
 
     fn clamped(&self, time: f64, station: f64) -> Point {
-        Self::place(time.clamp(0.0, self.seconds), station.clamp(0.0, self.metres))
+        self.place(time.clamp(0.0, self.seconds), station.clamp(0.0, self.metres))
     }
 }
 
@@ -144,7 +167,7 @@ fn log_station_time(context: &Context) -> Result<(), RecordingError> {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 1200
         let curve: Vec<Point> = (0..=steps as usize)
             .map(|i| reach.seconds * i as f64 / steps)
-            .map(|t| StationTime::place(t, plan.at(cycle.time + t).station - now))
+            .map(|t| reach.place(t, plan.at(cycle.time + t).station - now))
             .collect();
         let line = LineStrips2D::new([flat(&curve)]).with_colors([PLAN]).with_radii([pixels(1.5)]);
         context.log("st/plan", &line.with_draw_order(10.0))?;
@@ -174,20 +197,18 @@ fn corners(
 }
 
 fn log_axes(context: &Context, reach: &StationTime) -> Result<(), RecordingError> {
-    let second = if reach.seconds > 12.0 { 5.0 } else { 1.0 };
-    let metre = if reach.metres > 100.0 { 50.0 } else { 10.0 };
+    let (second, metre) = (nice_step(reach.seconds / 6.0), nice_step(reach.metres / 5.0));
     let steps = |end: f64, step: f64| {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 200
         let count = (end / step + 1e-9).floor() as u32;
         (0..=count).map(move |i| step * f64::from(i))
     };
-    let across =
-        steps(reach.seconds, second).map(|t| [StationTime::place(t, 0.0), StationTime::place(t, reach.metres)]);
-    let along = steps(reach.metres, metre).map(|s| [StationTime::place(0.0, s), StationTime::place(reach.seconds, s)]);
+    let across = steps(reach.seconds, second).map(|t| [reach.place(t, 0.0), reach.place(t, reach.metres)]);
+    let along = steps(reach.metres, metre).map(|s| [reach.place(0.0, s), reach.place(reach.seconds, s)]);
     let grid = LineStrips2D::new(across.chain(along).map(|line| flat(&line))).with_colors([GRID]);
     context.log_static("st/grid", &grid.with_radii([pixels(0.5)]).with_draw_order(0.0))?;
-    let times = steps(reach.seconds, second).skip(1).map(|t| (StationTime::place(t, 0.0), format!("{t:.0} s")));
-    let stations = steps(reach.metres, metre).skip(1).map(|s| (StationTime::place(0.0, s), format!("{s:.0} m")));
+    let times = steps(reach.seconds, second).skip(1).map(|t| (reach.place(t, 0.0), format!("{t:.0} s")));
+    let stations = steps(reach.metres, metre).skip(1).map(|s| (reach.place(0.0, s), format!("{s:.0} m")));
     let (places, labels): (Vec<Point>, Vec<String>) = times.chain(stations).unzip();
     let ticks = Points2D::new(flat(&places)).with_labels(labels).with_show_labels(true).with_colors([AXIS]);
     context.log_static("st/ticks", &ticks.with_radii([pixels(1.0)]).with_draw_order(1.0))

@@ -103,6 +103,41 @@ impl Surface {
         surface
     }
 
+    /// The parts of a line that lie on the rim of the road, not across it, as where lanes of a junction overlap. What is
+    /// outside the image counts as rim.
+    pub(super) fn rim(&self, line: &Polyline) -> Vec<Vec<Point>> {
+        const STEP: f64 = 0.5;
+        let mut parts: Vec<Vec<Point>> = Vec::new();
+        let mut joined = false;
+        for ends in line.resampled(STEP).windows(2) {
+            let across = (ends[1] - ends[0]).normalize() * (2.0 * self.pixel).max(0.3);
+            let middle = nalgebra::center(&ends[0], &ends[1]);
+            let left = Point::new(middle.x - across.y, middle.y + across.x);
+            let right = Point::new(middle.x + across.y, middle.y - across.x);
+            let on_rim = !(self.is_road(left) && self.is_road(right));
+            match parts.last_mut() {
+                Some(part) if on_rim && joined => part.push(ends[1]),
+                _ if on_rim => parts.push(ends.to_vec()),
+                _ => {}
+            }
+            joined = on_rim;
+        }
+        parts
+    }
+
+    /// Whether the pixel at a point is road.
+    fn is_road(&self, p: Point) -> bool {
+        let place = (p - self.corner) / self.pixel;
+        let inside = |c: f64, size: u32| (0.0..f64::from(size)).contains(&c);
+        if !(inside(place.x, self.size[0]) && inside(place.y, self.size[1])) {
+            return false;
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // inside the image
+        let pixel = place.y as usize * self.size[0] as usize + place.x as usize;
+        let (r, g, b) = style::ROAD;
+        self.rgb.get(3 * pixel..3 * pixel + 3) == Some(&[r, g, b])
+    }
+
     /// Fills a polygon (even–odd rule, a pixel counts by its middle).
     fn fill(&mut self, polygon: &[Point], (r, g, b): Rgb) {
         let local: Vec<Point> = polygon.iter().map(|p| Point::from((p - self.corner) / self.pixel)).collect();
@@ -199,5 +234,25 @@ mod tests {
                 assert_eq!(surface.rgb[place] == style::ROAD.0, on_road, "at {p}");
             }
         }
+    }
+
+    #[test]
+    fn bounds_that_cross_the_road_are_no_rim() {
+        let example = Example::new();
+        let network = &example.scenario.network;
+        let bounds = Bounds::around(&network.lanelets[&1].outline()).unwrap().grown(5.0);
+        let surface = Surface::paint(network, &bounds);
+        let across = |x: f64, from: f64, to: f64| {
+            let start = network.lanelets[&1].right.first();
+            Polyline::new([from, to].map(|y| Point::new(start.x + x, start.y + y))).unwrap()
+        };
+        let length = |parts: &[Vec<Point>]| -> f64 {
+            parts.iter().flat_map(|p| p.windows(2)).map(|w| (w[1] - w[0]).norm()).sum()
+        };
+        assert!(surface.rim(&across(50.0, 1.0, 6.0)).is_empty(), "all of it on the road");
+        let half = length(&surface.rim(&across(50.0, 5.0, 9.0)));
+        assert!((half - 2.0).abs() < 0.6, "2 m of it are off the road: {half}");
+        let right = &network.lanelets[&1].right;
+        assert!((length(&surface.rim(right)) - right.length()).abs() < 1e-6, "the border of road and pavement");
     }
 }

@@ -53,10 +53,16 @@ fn lines(run: &Run) -> Vec<Line> {
     if let Some(end) = log.samples.last() {
         let verdict = if run.verdict.pass() { "pass" } else { "fail" };
         let level = if run.verdict.pass() { TextLogLevel::INFO } else { TextLogLevel::ERROR };
-        let text = format!("{}: {verdict}", run.outcome.name().replace('_', " "));
+        let text = format!("{}: {verdict}", ending(run));
         lines.push(Line { time: end.time, level, text });
     }
     lines
+}
+
+/// How it ended, and why where that is known.
+fn ending(run: &Run) -> String {
+    let reason = run.reason.map_or_else(String::new, |r| format!(" ({r})"));
+    format!("{}{reason}", run.outcome.name()).replace('_', " ")
 }
 
 /// A decision without its numbers: what must change for a new line.
@@ -101,7 +107,7 @@ fn rejections(cycle: &Cycle) -> BTreeMap<&'static str, usize> {
 
 /// The verdict as Markdown.
 fn document(run: &Run) -> String {
-    let outcome = run.outcome.name().replace('_', " ");
+    let outcome = ending(run);
     let mut text =
         format!("### {}\n\n{} · problem {}\n\n", plain(&run.scenario.id), plain(&run.vehicle.name), run.problem.id);
     if run.verdict.checks.is_empty() {

@@ -72,7 +72,7 @@ fn interpolated(samples: &[Sample], time: f64, value: fn(&Sample) -> f64) -> f64
 
 /// The jerk limit at a speed, m/s³: twice the limit at high speed below 5 m/s, falling linearly until 20 m/s. With the
 /// usual 2.5 m/s³ this is ISO 15622's limit for adaptive cruise control, 5 → 2.5 m/s³.
-pub(super) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
+pub(crate) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
     jerk * (2.0 - ((speed.abs() - 5.0) / 15.0).clamp(0.0, 1.0))
 }
 

@@ -37,6 +37,7 @@ mod stops;
 mod testing;
 mod tracking;
 
+pub(crate) use comfort::jerk_limit;
 pub use filter::zero_phase_low_pass;
 pub use goal::{GoalWatch, goal_reached_at};
 pub use metrics::{Metrics, metrics};
