@@ -123,7 +123,7 @@ fn an_s_curve_is_tracked_to_a_decimetre() {
         let worst = log.samples.iter().map(|s| error(s).1.abs()).fold(0.0, f64::max);
         let along = log.samples.iter().map(|s| error(s).0.abs()).fold(0.0, f64::max);
         let lateral = log.samples.iter().map(|s| s.lateral_acceleration.abs()).fold(0.0, f64::max);
-        let figures = format!("{speed} m/s at {lateral:.2} m/s²: worst {worst:.3} m aside, {along:.3} m along");
+        let figures = format!("{name} {speed} m/s at {lateral:.2} m/s²: worst {worst:.3} m aside, {along:.3} m along");
         println!("{figures}");
         assert!(worst <= 0.1 && along <= 0.1, "{figures}");
     }
@@ -479,4 +479,33 @@ fn broken_input_is_an_error_that_names_it() {
     let flat = Part::Circle { centre: Point::new(0.0, 0.0), radius: f64::NAN };
     let bad_circle = Obstacle { shape: Shape { parts: vec![flat] }, ..parked(19, 0.0, 50.0) };
     assert!(fails(&[bad_circle], &sound, &Settings::default()).contains("obstacle 19"));
+}
+
+#[test]
+fn numbers_that_are_not_finite_end_the_run_and_are_logged() {
+    let v = bmw();
+    let mut world = World::new(&v, &[], &start(Pose::new(0.0, 0.0, 0.0), 10.0), &Settings::default()).unwrap();
+    let mut log = Log::default();
+    world.follow(&along_x(10.0), 1.0, &mut log);
+    assert_eq!(log.broke_at, None);
+    for command in
+        [Command { acceleration: f64::NAN, steering: 0.0 }, Command { acceleration: 0.0, steering: f64::INFINITY }]
+    {
+        let (mut world, mut log) = (world.clone(), log.clone());
+        world.hold(command, 2.0, &mut log);
+        assert_eq!((log.broke_at, world.has_ended()), (Some(1.0), true));
+    }
+}
+
+#[test]
+fn on_a_wet_road_an_s_curve_is_still_tracked() {
+    let v = bmw();
+    let settings = Settings { friction_scale: 0.5, ..Settings::default() };
+    let spiral = |k: f64| CubicSpiral { knots: [0.0, k, k, 0.0], length: 45.0 };
+    let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[spiral(3.0 / 144.0), spiral(-3.0 / 144.0)]).unwrap();
+    let t = Trajectory { start_time: 0.0, path, profile: profile(12.0, &[(7.5, 0.0, 0.0)]) };
+    let log = drive(&v, &[], &start(Pose::new(0.0, 0.0, 0.0), 12.0), &t, 7.5, &settings);
+    let worst = log.samples.iter().map(|s| error(s).1.abs()).fold(0.0, f64::max);
+    println!("wet: worst {worst:.3} m aside");
+    assert!(worst < 0.25, "{worst} m");
 }

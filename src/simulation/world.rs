@@ -161,7 +161,12 @@ impl World {
         let mut first = true;
         while self.ended.is_none() && self.time() + half < until {
             if first || self.steps.is_multiple_of(decision) {
-                self.command = decide(&self.state());
+                let command = decide(&self.state());
+                if !(command.acceleration.is_finite() && command.steering.is_finite()) {
+                    self.ended = Some(Ended::Broke(self.time()));
+                    break;
+                }
+                self.command = command;
             }
             if log.samples.is_empty() {
                 log.samples.push(self.sample(&wanted(&self.state())));
