@@ -110,10 +110,10 @@ fn stops_end_within_a_decimetre_and_never_beyond_by_more_than_a_centimetre() {
 
 #[test]
 fn an_s_curve_is_tracked_to_a_decimetre() {
-    let v = bmw();
-    for (speed, kappa) in
-        [(3.0, 0.12), (8.0, 3.0 / 64.0), (12.0, 3.0 / 144.0), (20.0, 3.0 / 400.0), (30.0, 2.0 / 900.0)]
-    {
+    let kinds = [(3.0, 0.12), (8.0, 3.0 / 64.0), (12.0, 3.0 / 144.0), (20.0, 3.0 / 400.0), (30.0, 2.0 / 900.0)];
+    let cases = vehicle::builtin_names().iter().flat_map(|name| kinds.map(|(speed, kappa)| (*name, speed, kappa)));
+    for (name, speed, kappa) in cases {
+        let v = vehicle::load(name).unwrap();
         let spiral = |k: f64| CubicSpiral { knots: [0.0, k, k, 0.0].map(|x| x * 8.0 / 9.0), length: 4.0 * speed };
         let lead = CubicSpiral { knots: [0.0; 4], length: speed };
         let path = Path::new(Pose::new(0.0, 0.0, 0.3), &[lead, spiral(kappa), spiral(-kappa), lead]).unwrap();
