@@ -122,12 +122,9 @@ impl Settings {
             let value = self.run.replan_interval;
             return Err(SettingsError { field: "run.replan_interval", value, expected: "0.01 to 1 s" });
         }
-        if let Some(&value) = self.planner.emergency_decelerations.iter().find(|d| !(d.is_finite() && **d > 0.0)) {
-            return Err(SettingsError {
-                field: "planner.emergency_decelerations",
-                value,
-                expected: "positive and finite",
-            });
+        let emergency = self.planner.emergency.iter().flat_map(|e| [e.acceleration, e.deceleration]);
+        if let Some(value) = emergency.chain([self.planner.emergency_speed]).find(|d| !(d.is_finite() && *d > 0.0)) {
+            return Err(SettingsError { field: "planner.emergency", value, expected: "positive and finite" });
         }
         Ok(())
     }

@@ -28,6 +28,8 @@ pub(super) struct Situation<'a> {
     pub(super) cruise: f64,
     /// Time after which nothing moves any more, s of the run.
     pub(super) horizon: f64,
+    /// Largest acceleration, m/s².
+    pub(super) acceleration: f64,
     /// Largest deceleration of proofs, m/s².
     pub(super) proof_deceleration: f64,
     /// Stretches of the reference line on which resting is not allowed.
@@ -162,7 +164,7 @@ impl Situation<'_> {
             start_time: self.time,
             horizon: self.horizon,
             limits: AccelerationLimits {
-                acceleration: self.vehicle.comfort.acceleration,
+                acceleration: self.acceleration,
                 deceleration: self.vehicle.comfort.deceleration,
                 aggressive_deceleration: self.proof_deceleration,
             },

@@ -16,7 +16,7 @@ mod settings;
 
 pub use goal::GoalOnLane;
 pub use record::{Candidate, Cycle, Decision, StageSeconds};
-pub use settings::Settings;
+pub use settings::{EmergencyLimits, Settings};
 
 use std::time::Instant;
 
@@ -61,8 +61,12 @@ struct Committed {
 struct Rung {
     /// Index of the collision world.
     world: usize,
+    /// Largest acceleration, m/s².
+    acceleration: f64,
     /// Largest deceleration, m/s².
     deceleration: f64,
+    /// Factor on the cruising speed.
+    speed_factor: f64,
     /// Whether moving obstacles are given way with the time gap.
     with_gap: bool,
     /// Whether resting in junctions is forbidden.
@@ -208,17 +212,26 @@ impl<'a> Planner<'a> {
     fn rungs(&self) -> Vec<Rung> {
         let aggressive = self.vehicle.comfort.aggressive_deceleration;
         let lateral_limit = LATERAL_HEADROOM * self.vehicle.comfort.lateral_acceleration;
-        let first =
-            Rung { world: 0, deceleration: aggressive, with_gap: true, junctions_kept_free: true, lateral_limit };
+        let first = Rung {
+            world: 0,
+            acceleration: self.vehicle.comfort.acceleration,
+            deceleration: aggressive,
+            speed_factor: 1.0,
+            with_gap: true,
+            junctions_kept_free: true,
+            lateral_limit,
+        };
         let mut rungs = vec![
             first,
             Rung { with_gap: false, ..first },
             Rung { with_gap: false, junctions_kept_free: false, ..first },
             Rung { with_gap: false, junctions_kept_free: false, world: 1, ..first },
         ];
-        rungs.extend(self.settings.emergency_decelerations.iter().map(|&deceleration| Rung {
+        rungs.extend(self.settings.emergency.iter().map(|e| Rung {
             world: 1,
-            deceleration,
+            acceleration: e.acceleration,
+            deceleration: e.deceleration,
+            speed_factor: self.settings.emergency_speed,
             with_gap: false,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
@@ -369,7 +382,8 @@ impl<'a> Planner<'a> {
             station: lane.reference.project(start.point.pose.position).s,
             time: start.point.time,
             speed: start.point.speed,
-            cruise: self.cruise,
+            cruise: self.cruise * rung.speed_factor,
+            acceleration: rung.acceleration,
             horizon: self.horizon,
             proof_deceleration: rung.deceleration,
             no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
@@ -397,7 +411,7 @@ impl<'a> Planner<'a> {
     /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
     fn emergency_stop(&self, start: &Start) -> Committed {
         let p = &start.point;
-        let deceleration = self.settings.emergency_decelerations.last().copied().unwrap_or(8.0);
+        let deceleration = self.settings.emergency.last().map_or(HARDEST_BRAKING, |e| e.deceleration);
         let bound = self.vehicle.max_curvature();
         let k = p.curvature.clamp(-bound, bound);
         let length = p.speed * p.speed / (2.0 * deceleration) + 1.0;
@@ -434,6 +448,8 @@ const PREDICTION_BEYOND_END: f64 = 15.0;
 const CURVATURE_SHARE: f64 = 0.95;
 /// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
 const LATERAL_HEADROOM: f64 = 0.9;
+/// Braking where the settings name no emergency limits, m/s²: inside dry friction.
+const HARDEST_BRAKING: f64 = 8.0;
 /// Lateral acceleration of emergency paths, m/s²: well inside dry friction, with braking on top.
 const EMERGENCY_LATERAL: f64 = 5.0;
 /// Lateral distance from a reference line within which the vehicle is on that lane, m.

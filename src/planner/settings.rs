@@ -19,9 +19,11 @@ pub struct Settings {
     pub lateral_share: f64,
     /// Deceleration that planned stops are made with, as a share of the comfortable one.
     pub stopping_share: f64,
-    /// Decelerations that proofs may fall back to when the aggressive one proves nothing, m/s², rising. Each is tried
-    /// without margins.
-    pub emergency_decelerations: Vec<f64>,
+    /// What plans may fall back to when the comfortable limits prove nothing, gentlest first. Each is tried without
+    /// margins.
+    pub emergency: Vec<EmergencyLimits>,
+    /// Factor on the cruising speed in an emergency, to get out of somebody's way.
+    pub emergency_speed: f64,
     /// Lateral tracking error at which planning restarts from the measured state, m.
     pub restart_lateral: f64,
     /// Longitudinal tracking error at which planning restarts from the measured state, m.
@@ -38,6 +40,16 @@ pub struct Settings {
     pub collision: CollisionSettings,
 }
 
+/// Accelerations of a plan in an emergency.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EmergencyLimits {
+    /// Largest acceleration, m/s².
+    pub acceleration: f64,
+    /// Largest deceleration, m/s², positive.
+    pub deceleration: f64,
+}
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -47,7 +59,11 @@ impl Default for Settings {
             standoff: 0.8,
             lateral_share: 0.75,
             stopping_share: 0.9,
-            emergency_decelerations: vec![4.0, 8.0],
+            emergency: vec![
+                EmergencyLimits { acceleration: 2.5, deceleration: 4.0 },
+                EmergencyLimits { acceleration: 4.0, deceleration: 8.0 },
+            ],
+            emergency_speed: 1.3,
             restart_lateral: 0.5,
             restart_longitudinal: 1.5,
             expansions: 5_000,
