@@ -19,6 +19,7 @@ pub(super) struct Situation<'a> {
     pub(super) world: &'a CollisionWorld,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
+    pub(super) goal_missed_at: Option<f64>,
     /// Station of the start on the reference line, m.
     pub(super) station: f64,
     pub(super) time: f64,
@@ -108,13 +109,18 @@ impl Situation<'_> {
                 planned = true;
             }
         }
-        if let Some(goal) = self.goal.filter(GoalOnLane::is_stop) {
-            let to_goal = goal.stop_station() - self.station;
+        if let Some(to_goal) = self.way_to_goal_stop() {
             if to_goal < end {
                 (end, planned) = (to_goal, true);
             }
         }
         (end.max(0.0), planned)
+    }
+
+    /// Way left to where the goal asks for a stop, or where going on would miss it, m.
+    fn way_to_goal_stop(&self) -> Option<f64> {
+        let stop = self.goal.filter(GoalOnLane::is_stop).map(|g| g.stop_station());
+        stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|way| *way > -MISSED)
     }
 
     /// Whether what ends the path is the end of the known road, with nothing to reach beyond the vehicle's stop there.
@@ -214,10 +220,15 @@ impl Situation<'_> {
     pub(super) fn free_progress(&self) -> f64 {
         let a = self.vehicle.comfort.acceleration;
         let ramp = ((self.cruise - self.speed) / a).clamp(0.0, DELAY_HORIZON);
-        self.speed * ramp + 0.5 * a * ramp * ramp + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp)
+        let way = self.speed * ramp
+            + 0.5 * a * ramp * ramp
+            + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp);
+        self.way_to_goal_stop().map_or(way, |stop| way.min(stop.max(0.0)))
     }
 }
 
+/// A stop this far behind the vehicle is given up, m.
+const MISSED: f64 = 10.0;
 /// How far ahead falling behind free driving is counted, s.
 pub(super) const DELAY_HORIZON: f64 = 6.0;
 /// Shorter cells than this are left out, m: shorter than any gap that matters.

@@ -20,6 +20,8 @@ pub(super) struct Lane {
     /// Price of being on it, in lane changes.
     pub(super) lane_changes_to_go: u32,
     pub(super) goal: Option<GoalOnLane>,
+    /// Station beyond which the goal, which lies on another lane, would be missed, m.
+    pub(super) goal_missed_at: Option<f64>,
     /// Stretches on which resting is not allowed, m.
     pub(super) no_rest: Vec<(f64, f64)>,
     /// Lattice edges kept from cycle to cycle, for each collision world.
@@ -76,7 +78,23 @@ impl Lane {
             .filter(|option| !goal_known || option.lane_changes_to_go.is_some())
             .filter_map(|option| Self::new(scenario, problem, vehicle, option))
             .collect();
+        let mut lanes = lanes;
+        Self::mark_missed_goal(&mut lanes);
         if lanes.is_empty() { Err(NoLane::NoReference) } else { Ok(lanes) }
+    }
+
+    /// Tells the lanes beside the goal where it would be missed.
+    fn mark_missed_goal(lanes: &mut [Self]) {
+        let Some(point) = lanes.iter().find_map(|l| {
+            let goal = l.goal.as_ref()?;
+            let station = if goal.is_stop() { goal.stop_station() } else { goal.far };
+            Some(l.reference.at(station).pose.position)
+        }) else {
+            return;
+        };
+        for lane in lanes.iter_mut().filter(|l| l.goal.is_none()) {
+            lane.goal_missed_at = Some(lane.reference.project(point).s);
+        }
     }
 
     /// Whether the network has road behind the end of this lane's reference line.
@@ -97,6 +115,7 @@ impl Lane {
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
             stores: Default::default(),
             last_lanelet: *option.lanelets.last()?,
+            goal_missed_at: None,
             is_current,
             goal,
             reference,

@@ -53,6 +53,7 @@ pub struct Planner<'a> {
 struct Committed {
     trajectory: Trajectory,
     deceleration: f64,
+    is_smooth: bool,
 }
 
 /// What proofs may use in one attempt.
@@ -148,14 +149,20 @@ impl<'a> Planner<'a> {
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
                 let smoothing_begun = Instant::now();
-                let profile = self.smoothed(&start, &choice);
+                let smooth = self.smoothed(&start, &choice);
+                record.is_smooth = smooth.is_some();
+                let profile = smooth.unwrap_or_else(|| choice.proven.searched.clone());
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
-                self.committed = Some(Committed { trajectory, deceleration: choice.deceleration });
+                let is_smooth = record.is_smooth;
+                self.committed = Some(Committed { trajectory, deceleration: choice.deceleration, is_smooth });
                 (decision, choice.proven.blocked)
             }
-            None if self.committed.is_some() && start.on_plan => (Decision::KeepLast, Vec::new()),
+            None if self.committed.is_some() && start.on_plan => {
+                record.is_smooth = self.committed.as_ref().is_some_and(|c| c.is_smooth);
+                (Decision::KeepLast, Vec::new())
+            }
             None => {
                 self.committed = Some(self.emergency_stop(&start));
                 (Decision::Unproven, Vec::new())
@@ -172,6 +179,7 @@ impl<'a> Planner<'a> {
             blocked,
             chosen: record.chosen,
             expansions: record.expansions,
+            is_smooth: record.is_smooth,
             stage_seconds: record.seconds,
         }
     }
@@ -357,6 +365,7 @@ impl<'a> Planner<'a> {
             world: &self.worlds[rung.world],
             reference: &lane.reference,
             goal: lane.goal,
+            goal_missed_at: lane.goal_missed_at,
             station: lane.reference.project(start.point.pose.position).s,
             time: start.point.time,
             speed: start.point.speed,
@@ -369,12 +378,11 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The choice's profile made jerk-limited, if it can be proved again; the searched one otherwise.
-    fn smoothed(&self, start: &Start, choice: &Choice) -> SpeedProfile {
+    /// The choice's profile made jerk-limited, if it can be proved again.
+    fn smoothed(&self, start: &Start, choice: &Choice) -> Option<SpeedProfile> {
         let Proven { problem, searched, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
         smoothing::smooth_and_prove(problem, searched, start.point.acceleration, &settings)
-            .unwrap_or_else(|| searched.clone())
     }
 
     /// Whether the committed plan is in its final approach and the new one would not get farther: then it goes on as it
@@ -411,7 +419,7 @@ impl<'a> Planner<'a> {
         let trajectory =
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
-            (Some(trajectory), _) => Committed { trajectory, deceleration },
+            (Some(trajectory), _) => Committed { trajectory, deceleration, is_smooth: false },
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
         }
@@ -481,5 +489,6 @@ struct CycleRecord {
     chosen: Option<usize>,
     expansions: usize,
     reference: Vec<crate::geometry::Point>,
+    is_smooth: bool,
     seconds: StageSeconds,
 }

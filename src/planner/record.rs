@@ -24,6 +24,8 @@ pub struct Cycle {
     pub chosen: Option<usize>,
     /// Search expansions of the speed layer, over all candidates.
     pub expansions: usize,
+    /// Whether the committed profile is jerk-limited; if not, the searched one stands because no smooth one was proved.
+    pub is_smooth: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
     pub stage_seconds: StageSeconds,
 }
