@@ -23,6 +23,7 @@ use scene::{Scene, View};
 use svg::{Element, Page, Svg};
 
 use crate::drive::Run;
+use crate::planner::Candidate;
 use crate::trajectory::Trajectory;
 use crate::verdict::{Check, jerk_limit};
 
@@ -32,6 +33,8 @@ const MARGIN: f64 = 24.0;
 const CONTENT: f64 = PAGE_WIDTH - 2.0 * MARGIN;
 /// Space between the parts, px.
 const GAP: f64 = 22.0;
+/// Space between panels one above the other, px.
+const PANEL_GAP: f64 = 10.0;
 /// Height of the legend's row, px.
 const LEGEND: f64 = 26.0;
 /// From this ratio of width to height on, the top view takes the whole width of the page and the panels stand below.
@@ -86,20 +89,23 @@ impl Layout {
     fn stacked(aspect: f64, top: f64) -> Self {
         let scene = Area { corner: (MARGIN, top), width: CONTENT, height: (CONTENT / aspect).clamp(150.0, 620.0) };
         let legend = top + scene.height + 8.0;
-        let row = legend + LEGEND + GAP;
-        let width = (CONTENT - 3.0 * GAP) / 4.0;
-        let panel = |i: f64| Area { corner: (MARGIN + i * (width + GAP), row), width, height: 236.0 };
+        let rows = legend + LEGEND + GAP;
+        let (width, height) = ((CONTENT - GAP) / 2.0, 190.0);
+        let panel = |(column, row): (f64, f64)| Area {
+            corner: (MARGIN + column * (width + GAP), rows + row * (height + PANEL_GAP)),
+            width,
+            height,
+        };
         Self {
             scene,
             legend: (MARGIN, legend),
-            panels: [0.0, 1.0, 2.0, 3.0].map(panel),
-            page_height: row + 236.0 + MARGIN,
+            panels: [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(panel),
+            page_height: rows + 2.0 * height + PANEL_GAP + MARGIN,
         }
     }
 
     fn side_by_side(top: f64) -> Self {
         const HEIGHT: f64 = 760.0;
-        const PANEL_GAP: f64 = 10.0;
         let scene = Area { corner: (MARGIN, top), width: 0.62 * CONTENT, height: HEIGHT };
         let (left, height) = (MARGIN + scene.width + GAP, (HEIGHT - 3.0 * PANEL_GAP) / 4.0);
         let width = CONTENT - scene.width - GAP;
@@ -180,6 +186,11 @@ fn shortened(text: &str, length: usize) -> String {
         return text.into();
     }
     text.chars().take(length.saturating_sub(1)).chain(['…']).collect()
+}
+
+/// Why a candidate could not be taken. One that was only dearer than the chosen one was not refused.
+pub(crate) fn refusal(candidate: &Candidate) -> Option<&'static str> {
+    candidate.rejected.filter(|code| *code != "dearer")
 }
 
 /// The smallest of 5, 10, 15, … that is not below the speed.
@@ -387,13 +398,6 @@ mod tests {
     use crate::geometry::Point;
     use crate::map::{Motion as ObstacleMotion, RoadNetwork};
 
-    /// Writes the picture to the folder named by `STOPLINE_PICTURES`, if any, to be looked at.
-    fn keep(name: &str, svg: &str) {
-        if let Some(folder) = std::env::var_os("STOPLINE_PICTURES") {
-            std::fs::write(std::path::Path::new(&folder).join(name), svg).unwrap();
-        }
-    }
-
     fn assert_sound(svg: &str) {
         let read = roxmltree::Document::parse(svg).expect("well-formed");
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
@@ -407,7 +411,6 @@ mod tests {
     fn the_picture_holds_every_part() {
         let example = Example::new();
         let svg = run_svg(&example.run());
-        keep("run.svg", &svg);
         assert_sound(&svg);
         let read = roxmltree::Document::parse(&svg).unwrap();
         let ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
@@ -445,7 +448,6 @@ mod tests {
         run.log.samples.clear();
         run.verdict.checks.clear();
         let svg = run_svg(&run);
-        keep("plan.svg", &svg);
         assert_sound(&svg);
         assert!(svg.contains("planned"));
     }
@@ -477,6 +479,32 @@ mod tests {
         run.verdict.checks[2].value = f64::NAN;
         run.verdict.checks[2].limit = f64::INFINITY;
         assert_sound(&run_svg(&run));
+    }
+
+    #[test]
+    fn long_notes_are_cut_to_the_page() {
+        let example = Example::new();
+        let mut run = example.run();
+        run.verdict.checks[2].note = "ä".repeat(500);
+        let svg = run_svg(&run);
+        let read = roxmltree::Document::parse(&svg).unwrap();
+        let failure = read.descendants().find(|n| n.attribute("class") == Some("failure")).unwrap();
+        let text = failure.text().unwrap();
+        assert_eq!(text.chars().count(), LINE_LENGTH);
+        assert!(text.ends_with('…'));
+    }
+
+    #[test]
+    fn plans_are_shown_from_where_the_vehicle_is_not_from_where_they_were_made() {
+        let example = Example::new();
+        let mut run = example.run();
+        let old = run.cycles[0].committed.clone();
+        run.cycles.truncate(2);
+        run.cycles[1].committed = old;
+        let tails = proof_tails(&run);
+        assert_eq!(tails[1].points[0].0, run.cycles[1].time);
+        assert!(tails.iter().all(|t| t.points.windows(2).all(|w| w[0].0 < w[1].0)), "in order of time");
+        assert!(tails.iter().all(|t| t.points[t.points.len() - 1].1 == 0.0), "down to the stop");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::axes::{Area, nice_step};
 use super::motion::{Motion, MotionSample};
 use super::outline::{Bounds, footprint, goal_outlines, obstacle_outlines};
+use super::refusal;
 use super::style;
 use super::svg::{Element, Page, Svg, number};
 use crate::drive::Run;
@@ -125,7 +126,7 @@ impl Scene<'_> {
         });
     }
 
-    /// The candidates of the cycle that had most to reject.
+    /// The candidates of the cycle that had most to refuse.
     fn candidates(&self, svg: &mut Svg, view: &View) {
         let Some(cycle) = interesting_cycle(&self.run.cycles) else { return };
         let style = Element::new("g").with("id", "candidates").with("stroke", style::CANDIDATE).with("fill", "none");
@@ -134,7 +135,7 @@ impl Scene<'_> {
                 let points: Vec<Point> =
                     candidate.path.sampled(PATH_SPACING).iter().map(|(_, p)| p.pose.position).collect();
                 let line = view.line(&points).with("class", candidate.rejected.unwrap_or("accepted"));
-                svg.add(&if candidate.rejected.is_some() { line.with("stroke-dasharray", "3 3") } else { line });
+                svg.add(&if refusal(candidate).is_some() { line.with("stroke-dasharray", "3 3") } else { line });
             }
         });
     }
@@ -296,9 +297,9 @@ fn planned_points(cycle: &Cycle) -> Vec<Point> {
     points.collect()
 }
 
-/// The cycle that rejected most candidates, then the one that had most; the earliest of equals.
+/// The cycle that refused most candidates, then the one that had most; the earliest of equals.
 fn interesting_cycle(cycles: &[Cycle]) -> Option<&Cycle> {
-    let score = |c: &Cycle| (c.candidates.iter().filter(|k| k.rejected.is_some()).count(), c.candidates.len());
+    let score = |c: &Cycle| (c.candidates.iter().filter(|k| refusal(k).is_some()).count(), c.candidates.len());
     cycles.iter().rev().max_by_key(|c| score(c)).filter(|c| !c.candidates.is_empty())
 }
 

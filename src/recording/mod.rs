@@ -175,21 +175,113 @@ fn recording_id(run: &Run) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
+
+    use rerun::external::re_log_types::StoreId;
+    use rerun::{ChunkStore, ChunkStoreConfig};
+
+    use crate::map::{Motion as ObstacleMotion, RoadNetwork};
     use crate::plot::example::Example;
-    use std::path::PathBuf;
+
+    /// What Rerun itself reads from the recording: the store of the run and the one of the layout.
+    fn read_back(bytes: &[u8]) -> Vec<(StoreId, BTreeSet<String>)> {
+        let stores = ChunkStore::from_rrd_reader(&ChunkStoreConfig::DEFAULT, &mut std::io::Cursor::new(bytes)).unwrap();
+        let entities = |store: &ChunkStore| store.all_entities_sorted().iter().map(ToString::to_string).collect();
+        let mut read: Vec<_> = stores.iter().map(|(id, store)| (id.clone(), entities(store))).collect();
+        read.sort_by_key(|(id, _)| id.is_blueprint());
+        read
+    }
 
     #[test]
-    fn the_recording_is_written_whole() {
+    fn rerun_reads_back_every_part() {
         let example = Example::new();
         let folder = tempfile::tempdir().unwrap();
-        let folder = std::env::var_os("STOPLINE_PICTURES").map_or(folder.path().to_owned(), PathBuf::from);
-        let path = folder.join("run.rrd");
+        let path = folder.path().join("run.rrd");
         write(&example.run(), &path).unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(&bytes[..4], b"RRF2");
-        assert!(bytes.len() > 100_000, "{} bytes", bytes.len());
-        let left_over = std::fs::read_dir(&folder).unwrap().flatten();
-        let left_over = left_over.filter(|f| f.file_name().to_string_lossy().ends_with(".rrd"));
-        assert_eq!(left_over.count(), 1);
+        let stores = read_back(&std::fs::read(&path).unwrap());
+        let [(run, entities), (layout, views)] = stores.as_slice() else { panic!("two stores: {stores:?}") };
+        assert!(run.is_recording() && layout.is_blueprint());
+        let parts = ["map", "map/surface", "map/bounds", "map/lane_marks", "map/stop_lines", "map/goal", "map/driven"];
+        let plans =
+            ["map/plan/committed", "map/plan/proven_stop", "map/plan/candidates/reasons", "st/plan", "st/blocked"];
+        let series = ["speed", "acceleration", "jerk", "lateral_acceleration", "steering"];
+        let text = ["decisions", "verdict", "map/ego", "map/ego/fill", "follow"];
+        let obstacles = example.scenario.obstacles.iter().map(|o| format!("map/obstacles/{}", o.id));
+        let expected = parts.into_iter().chain(plans).chain(text).map(str::to_owned).chain(obstacles);
+        for entity in expected.chain(series.map(|name| format!("series/{name}/driven"))) {
+            assert!(entities.contains(&format!("/{entity}")), "{entity} is missing in {entities:?}");
+        }
+        let count = |property: &str| views.iter().filter(|v| v.ends_with(property)).count();
+        assert_eq!((count("/VisualBounds2D"), count("/ScalarAxis"), count("/TimeAxis")), (3, 5, 5), "{views:?}");
+    }
+
+    #[test]
+    fn the_same_run_is_the_same_recording_to_the_viewer() {
+        let example = Example::new();
+        let id = |run: &Run| read_back(&recorded(run).unwrap())[0].0.clone();
+        assert_eq!(id(&example.run()), id(&example.run()));
+        let mut other = example.run();
+        other.log.samples[7].speed += 1e-9;
+        assert_ne!(id(&example.run()), id(&other));
+    }
+
+    #[test]
+    fn positions_are_relative_to_the_start_and_what_is_none_is_dropped() {
+        let example = Example::new();
+        let run = example.run();
+        let (stream, _storage) = RecordingStreamBuilder::new(APPLICATION).memory().unwrap();
+        let motion = Motion::of(&run);
+        let action = action_bounds(&run, &motion);
+        let origin = start(&run, &action).map(f64::floor);
+        let context = Context { stream, run: &run, motion, action, origin };
+        let start = run.problem.initial.centre.position;
+        let close = context.local(&(start + nalgebra::Vector2::new(0.001, 0.25))).unwrap();
+        let exact = [start.x + 0.001 - origin.x, start.y + 0.25 - origin.y];
+        assert!(close.iter().zip(exact).all(|(c, e)| (f64::from(*c) - e).abs() < 1e-6), "{close:?} for {exact:?}");
+        let points = [start, Point::new(f64::NAN, 0.0), Point::new(0.0, f64::INFINITY)];
+        assert_eq!(context.line(&points).len(), 1);
+    }
+
+    #[test]
+    fn a_path_that_cannot_be_written_is_an_error_that_names_it() {
+        let example = Example::new();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("no such folder").join("run.rrd");
+        let error = write(&example.run(), &path).unwrap_err();
+        assert!(matches!(error, RecordingError::Written(_)));
+        assert!(error.to_string().contains("no such folder"), "{error}");
+    }
+
+    #[test]
+    fn a_single_cycle_and_nothing_at_all_are_recorded() {
+        let mut example = Example::new();
+        let mut run = example.run();
+        run.cycles.truncate(1);
+        run.log.samples.clear();
+        run.verdict.checks.clear();
+        let entities = read_back(&recorded(&run).unwrap())[0].1.clone();
+        assert!(entities.contains("/map/ego") && entities.contains("/series/speed/driven"));
+        example.scenario.network = RoadNetwork::default();
+        example.scenario.obstacles.clear();
+        let mut run = example.run();
+        run.cycles.clear();
+        run.log.samples.clear();
+        assert!(!recorded(&run).unwrap().is_empty());
+    }
+
+    #[test]
+    fn numbers_that_are_none_do_not_stop_the_recording() {
+        let mut example = Example::new();
+        example.scenario.problems[0].initial.centre.position.x = f64::NAN;
+        for obstacle in &mut example.scenario.obstacles {
+            if let ObstacleMotion::Static(pose) = &mut obstacle.motion {
+                pose.yaw = f64::NAN;
+            }
+        }
+        let mut run = example.run();
+        run.log.samples[5].acceleration = f64::NAN;
+        run.cycles[3].time = f64::NAN;
+        run.cycles[4].blocked.push(((f64::NAN, 3.0), (0.0, f64::INFINITY)));
+        assert!(!recorded(&run).unwrap().is_empty());
     }
 }

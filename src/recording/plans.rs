@@ -9,6 +9,7 @@ use super::{Context, RecordingError};
 use crate::geometry::Point;
 use crate::planner::{Candidate, Cycle};
 use crate::plot::outline::footprint;
+use crate::plot::refusal;
 
 /// Points along a candidate: its shape is smooth, and there are many of them.
 const CANDIDATE_POINTS: f64 = 32.0;
@@ -49,8 +50,8 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
     };
     let chosen = cycle.chosen.and_then(|i| cycle.candidates.get(i));
     let all = || cycle.candidates.iter();
-    let accepted = all().filter(|c| c.rejected.is_none()).map(line).collect();
-    let rejected = all().filter(|c| c.rejected.is_some()).map(line).collect();
+    let accepted = all().filter(|c| refusal(c).is_none()).map(line).collect();
+    let rejected = all().filter(|c| refusal(c).is_some()).map(line).collect();
     let chosen = chosen.map(line).into_iter().collect();
     context.log("map/plan/candidates/rejected", &strips(rejected, style::REJECTED, pixels(0.5), order::REJECTED))?;
     context.log("map/plan/candidates/accepted", &strips(accepted, style::ACCEPTED, pixels(0.7), order::CANDIDATES))?;
@@ -65,7 +66,7 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
 fn rejection_labels(context: &Context, candidates: &[Candidate]) -> (Vec<[f32; 2]>, Vec<String>) {
     let mut by_reason: BTreeMap<&str, Vec<&Candidate>> = BTreeMap::new();
     for candidate in candidates {
-        if let Some(reason) = candidate.rejected {
+        if let Some(reason) = refusal(candidate) {
             by_reason.entry(reason).or_default().push(candidate);
         }
     }

@@ -18,13 +18,15 @@ const COMFORT: Rgb = (150, 130, 90);
 const AXIS: Rgb = (110, 120, 130);
 const GRID: Rgb = (44, 50, 58);
 const BLOCKED: Rgb = (150, 52, 52);
-const BLOCKED_EDGE: Rgb = (255, 120, 110);
+const BLOCKED_EDGE: Rgb = (214, 92, 84);
 const PLAN: Rgb = (92, 224, 255);
 
 /// Points of a curve are this far apart at least, s.
 const STEP: f64 = 0.01;
 /// Width of the station–time picture, as a multiple of its height.
 const ASPECT: f64 = 1.7;
+/// Time shown ahead in the station–time picture at most, s: a plan may creep for a minute to its stop.
+const LONGEST_REACH: f64 = 15.0;
 /// Cells with a fill in one station–time picture; more are drawn hollow.
 const FILLED_CELLS: usize = 60;
 
@@ -129,8 +131,8 @@ impl StationTime {
             let plan = &cycle.committed;
             let ahead = plan.profile.last().station - plan.at(cycle.time).station;
             Self {
-                // `max` drops what is not a number; a run is far shorter than this
-                seconds: reach.seconds.max(plan.end_time() - cycle.time + 0.5).min(120.0),
+                // `max` drops what is not a number
+                seconds: reach.seconds.max(plan.end_time() - cycle.time + 0.5).min(LONGEST_REACH),
                 metres: reach.metres.max(1.15 * ahead + 5.0).min(2000.0),
             }
         })
@@ -175,7 +177,7 @@ fn log_station_time(context: &Context) -> Result<(), RecordingError> {
             cycle.blocked.iter().filter_map(|cell| corners(&reach, cycle, now, cell)).collect();
         let ring = |c: &[Point; 4]| flat(&[c[0], c[1], c[2], c[3], c[0]]);
         let edges = LineStrips2D::new(cells.iter().map(ring)).with_colors([BLOCKED_EDGE]);
-        context.log("st/blocked", &edges.with_radii([pixels(0.8)]).with_draw_order(6.0))?;
+        context.log("st/blocked", &edges.with_radii([pixels(0.5)]).with_draw_order(6.0))?;
         let filled = cells.iter().take(FILLED_CELLS).flat_map(|c| hatch(c)).map(|stroke| flat(&stroke));
         let fill = LineStrips2D::new(filled).with_colors([BLOCKED]).with_radii([metres(HATCH_RADIUS)]);
         context.log("st/blocked/fill", &fill.with_draw_order(5.0))?;
@@ -212,4 +214,42 @@ fn log_axes(context: &Context, reach: &StationTime) -> Result<(), RecordingError
     let (places, labels): (Vec<Point>, Vec<String>) = times.chain(stations).unzip();
     let ticks = Points2D::new(flat(&places)).with_labels(labels).with_show_labels(true).with_colors([AXIS]);
     context.log_static("st/ticks", &ticks.with_radii([pixels(1.0)]).with_draw_order(1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plot::example::Example;
+
+    #[test]
+    fn the_station_time_picture_holds_every_plan() {
+        let example = Example::new();
+        let run = example.run();
+        let reach = StationTime::of(&run.cycles);
+        for cycle in &run.cycles {
+            let plan = &cycle.committed;
+            assert!(plan.end_time() - cycle.time < reach.seconds);
+            assert!(plan.profile.last().station - plan.at(cycle.time).station < reach.metres);
+        }
+        let (x, y) = reach.view();
+        let corner = reach.place(reach.seconds, reach.metres);
+        assert!(x[0] < 0.0 && corner.x < x[1] && y[0] < corner.y && 0.0 < y[1]);
+        assert_eq!(StationTime::of(&[]), StationTime { seconds: 4.0, metres: 20.0 });
+    }
+
+    #[test]
+    fn blocked_cells_are_cut_to_the_picture_and_left_out_beyond_it() {
+        let example = Example::new();
+        let run = example.run();
+        let (reach, cycle) = (StationTime::of(&run.cycles), &run.cycles[0]);
+        let now = cycle.committed.at(cycle.time).station;
+        let for_ever = ((now + 5.0, f64::INFINITY), (cycle.time + 1.0, f64::INFINITY));
+        let cell = corners(&reach, cycle, now, &for_ever).unwrap();
+        assert_eq!(cell[0], reach.place(1.0, 5.0));
+        assert_eq!(cell[2], reach.place(reach.seconds, reach.metres));
+        let past = ((now + 5.0, now + 9.0), (cycle.time - 2.0, cycle.time - 1.0));
+        assert_eq!(corners(&reach, cycle, now, &past), None);
+        let behind = ((now - 9.0, now - 5.0), (cycle.time, cycle.time + 1.0));
+        assert_eq!(corners(&reach, cycle, now, &behind), None);
+    }
 }

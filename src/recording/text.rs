@@ -131,10 +131,10 @@ fn document(run: &Run) -> String {
 
 fn row(check: &Check) -> String {
     let mark = if check.pass { "ok" } else { "**FAIL**" };
-    let number = |v: f64| if v.is_finite() { format!("{v:.2} {}", check.unit) } else { "–".into() };
+    let number = |v: f64| if v.is_finite() { format!("{v:.2}") } else { "–".into() };
     let at = check.at_time.map_or_else(String::new, |t| format!("{t:.2} s"));
     let name = check.name.replace('_', " ");
-    format!("| {name} | {mark} | {} | {} | {at} |\n", number(check.value).trim(), number(check.limit).trim())
+    format!("| {name} | {mark} | {} | {} {} | {at} |\n", number(check.value), number(check.limit), check.unit)
 }
 
 /// Text from outside, without the signs that would mean something in Markdown.

@@ -194,11 +194,7 @@ fn add_bounds(
         qp.between(0.0, &[(over, 1.0)], f64::INFINITY);
         qp.add_square(OVER_CAP_WEIGHT, &[(over, 1.0)], 0.0);
         qp.add_linear(over, OVER_CAP_WEIGHT);
-        qp.between(
-            f64::NEG_INFINITY,
-            &[(layout.v(k), 1.0), (layout.s(k), -slope), (over, -1.0)],
-            cap + excess,
-        );
+        qp.between(f64::NEG_INFINITY, &[(layout.v(k), 1.0), (layout.s(k), -slope), (over, -1.0)], cap + excess);
         // the acceleration that the cycle starts with may lie outside and decays at the jerk limit
         let allowance = (start_acceleration.abs() - settings.jerk * t).max(0.0);
         let lowest = (-limits.aggressive_deceleration).min(if start_acceleration < 0.0 { -allowance } else { 0.0 });
