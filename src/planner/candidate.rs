@@ -222,9 +222,8 @@ impl Situation<'_> {
     pub(super) fn free_progress(&self) -> f64 {
         let a = self.vehicle.comfort.acceleration;
         let ramp = ((self.cruise - self.speed) / a).clamp(0.0, DELAY_HORIZON);
-        let way = self.speed * ramp
-            + 0.5 * a * ramp * ramp
-            + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp);
+        let way =
+            self.speed * ramp + 0.5 * a * ramp * ramp + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp);
         self.way_to_goal_stop().map_or(way, |stop| way.min(stop.max(0.0)))
     }
 }
