@@ -57,7 +57,7 @@ impl Default for Settings {
             shortest_edge: 8.0,
             edge_time: 1.6,
             longest_edge: 40.0,
-            layers: 6,
+            layers: 8,
             root_layers: 3,
             offset_spacing: 0.5,
             offset_limit: 4.0,

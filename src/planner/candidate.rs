@@ -30,6 +30,8 @@ pub(super) struct Situation<'a> {
     pub(super) horizon: f64,
     /// Largest acceleration, m/s².
     pub(super) acceleration: f64,
+    /// Deceleration of nominal braking, m/s².
+    pub(super) braking: f64,
     /// Largest deceleration of proofs, m/s².
     pub(super) proof_deceleration: f64,
     /// Stretches of the reference line on which resting is not allowed.
@@ -98,7 +100,7 @@ impl Situation<'_> {
             wheelbase: self.vehicle.wheelbase,
             top_speed: f64::INFINITY,
         };
-        let braking = 2.0 * self.vehicle.comfort.deceleration;
+        let braking = 2.0 * self.braking;
         let stops_after = self.speed * self.speed / braking;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of checks
         let checks = (stops_after.min(path.free_length) / STEP) as usize;
@@ -175,7 +177,7 @@ impl Situation<'_> {
             horizon: self.horizon,
             limits: AccelerationLimits {
                 acceleration: self.acceleration,
-                deceleration: self.vehicle.comfort.deceleration,
+                deceleration: self.braking,
                 aggressive_deceleration: self.proof_deceleration,
             },
             stations,
@@ -224,13 +226,13 @@ impl Situation<'_> {
         if planned_stop {
             let room = stations[stations.len() - 1];
             let needed = self.speed * self.speed / (2.0 * room.max(SHORTEST_CELL));
-            let wanted = self.settings.stopping_share * comfort.deceleration;
+            let wanted = self.settings.stopping_share * self.braking;
             let deceleration = wanted.max(needed * 1.02).min(self.proof_deceleration);
             for (cap, braking) in caps.iter_mut().zip(braking_caps(stations, deceleration)) {
                 *cap = cap.min(braking);
             }
         }
-        make_reachable(stations, &mut caps, self.settings.stopping_share * comfort.deceleration);
+        make_reachable(stations, &mut caps, self.settings.stopping_share * self.braking);
         caps
     }
 

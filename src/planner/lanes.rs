@@ -22,6 +22,8 @@ pub(super) struct Lane {
     pub(super) goal: Option<GoalOnLane>,
     /// Station beyond which the goal, which lies on another lane, would be missed, m.
     pub(super) goal_missed_at: Option<f64>,
+    /// Time at which the last chance to reach the goal ends, s of the run; infinite without a goal position.
+    pub(super) goal_deadline: f64,
     /// Stretches on which resting is not allowed, m.
     pub(super) no_rest: Vec<(f64, f64)>,
     /// Lattice edges kept from cycle to cycle, for each collision world.
@@ -55,7 +57,7 @@ impl NoLane {
 const KEPT_FREE: [&str; 2] = ["intersection", "crosswalk"];
 
 /// Road looked at along the route, m.
-const LOOK_AHEAD: f64 = 350.0;
+const LOOK_AHEAD: f64 = 450.0;
 
 impl Lane {
     /// The lanes to consider from a pose of the vehicle's centre.
@@ -116,11 +118,18 @@ impl Lane {
             stores: Default::default(),
             last_lanelet: *option.lanelets.last()?,
             goal_missed_at: None,
+            goal_deadline: deadline(problem),
             is_current,
             goal,
             reference,
         })
     }
+}
+
+/// The latest time at which a goal with a position can be reached, s; infinite if no goal has one.
+fn deadline(problem: &PlanningProblem) -> f64 {
+    let times = problem.goals.iter().filter(|g| g.position.is_some()).map(|g| g.time.max);
+    times.reduce(f64::max).unwrap_or(f64::INFINITY)
 }
 
 /// Stretches of the line inside lanelets in which resting is not allowed, for the vehicle's rear axle.

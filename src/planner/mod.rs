@@ -63,7 +63,9 @@ struct Rung {
     world: usize,
     /// Largest acceleration, m/s².
     acceleration: f64,
-    /// Largest deceleration, m/s².
+    /// Deceleration of nominal braking, m/s².
+    braking: f64,
+    /// Largest deceleration of proofs, m/s².
     deceleration: f64,
     /// Factor on the cruising speed.
     speed_factor: f64,
@@ -215,6 +217,7 @@ impl<'a> Planner<'a> {
         let first = Rung {
             world: 0,
             acceleration: self.vehicle.comfort.acceleration,
+            braking: self.vehicle.comfort.deceleration,
             deceleration: aggressive,
             speed_factor: 1.0,
             time_gap: self.settings.time_gap,
@@ -230,8 +233,13 @@ impl<'a> Planner<'a> {
         rungs.extend(self.settings.emergency.iter().map(|e| Rung {
             world: 1,
             acceleration: e.acceleration,
+            braking: NOMINAL_SHARE * e.deceleration,
             deceleration: e.deceleration,
-            speed_factor: self.settings.emergency_speed,
+            speed_factor: if e.acceleration > self.vehicle.comfort.acceleration {
+                self.settings.emergency_speed
+            } else {
+                1.0
+            },
             time_gap: 0.0,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
@@ -296,11 +304,14 @@ impl<'a> Planner<'a> {
             max_curvature: self.vehicle.max_curvature() * CURVATURE_SHARE,
             half_width: 0.5 * self.vehicle.width,
         };
+        // a lane change that the goal needs gets dearer to put off as its time runs out
+        let left = lane.goal_deadline - start.point.time;
+        let urgency = 1.0 + ((URGENT - left) / URGENCY_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[rung.world];
             for mut path in paths(&ground, root, speed, horizon, &self.settings.lattice, store) {
-                path.terms.lane_change = weights.lane_change * lane.lane_changes_to_go as f64;
+                path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
                 if let Some(committed) = committed {
                     path.terms.switching = weights.switching
                         * distance_between(&committed.trajectory.path, start.point.station, &path.path);
@@ -384,6 +395,7 @@ impl<'a> Planner<'a> {
             speed: start.point.speed,
             cruise: self.cruise * rung.speed_factor,
             acceleration: rung.acceleration,
+            braking: rung.braking,
             horizon: self.horizon,
             proof_deceleration: rung.deceleration,
             no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
@@ -448,6 +460,12 @@ const PREDICTION_BEYOND_END: f64 = 15.0;
 const CURVATURE_SHARE: f64 = 0.95;
 /// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
 const LATERAL_HEADROOM: f64 = 0.9;
+/// Time to the goal's deadline below which lane changes get urgent, s.
+const URGENT: f64 = 8.0;
+/// Time by which the price of a lane change rises once, s.
+const URGENCY_STEP: f64 = 2.0;
+/// Share of an emergency's deceleration that its nominal braking uses; the proofs have the rest.
+const NOMINAL_SHARE: f64 = 0.75;
 /// Time gap where the wanted one proves nothing, s: room for the smoothing.
 const SHORT_GAP: f64 = 0.15;
 /// Braking where the settings name no emergency limits, m/s²: inside dry friction.

@@ -22,7 +22,8 @@ pub struct Settings {
     /// What plans may fall back to when the comfortable limits prove nothing, gentlest first. Each is tried without
     /// margins.
     pub emergency: Vec<EmergencyLimits>,
-    /// Factor on the cruising speed in an emergency, to get out of somebody's way.
+    /// Factor on the cruising speed where an emergency asks for more than the comfortable acceleration, to get out of
+    /// somebody's way.
     pub emergency_speed: f64,
     /// Lateral tracking error at which planning restarts from the measured state, m.
     pub restart_lateral: f64,
@@ -55,12 +56,14 @@ impl Default for Settings {
         Self {
             cruise_speed: 50.0 / 3.6,
             shortest_horizon: 40.0,
-            longest_horizon: 200.0,
+            longest_horizon: 300.0,
             standoff: 0.8,
             lateral_share: 0.75,
             stopping_share: 0.9,
             emergency: vec![
+                EmergencyLimits { acceleration: 1.5, deceleration: 4.0 },
                 EmergencyLimits { acceleration: 2.5, deceleration: 4.0 },
+                EmergencyLimits { acceleration: 1.5, deceleration: 8.0 },
                 EmergencyLimits { acceleration: 4.0, deceleration: 8.0 },
             ],
             emergency_speed: 1.3,
