@@ -65,7 +65,7 @@ fn all_rows(files: &[PathBuf]) -> Vec<Result<Row, &PathBuf>> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let mut done = Vec::new();
         while let Some(file) = files.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let row = std::panic::catch_unwind(|| pool.install(|| row(file)));
+            let row = pool.install(|| std::panic::catch_unwind(|| row(file)));
             done.push((file, row.map_err(|_| file)));
         }
         done
