@@ -16,21 +16,21 @@ use stopline::map::{
 use stopline::vehicle::{Vehicle, load};
 
 /// The vehicle that the stories of `maps/` are laid out for.
-pub static VEHICLE: LazyLock<Vehicle> = LazyLock::new(|| load("bmw_320i").unwrap());
+pub(crate) static VEHICLE: LazyLock<Vehicle> = LazyLock::new(|| load("bmw_320i").unwrap());
 
 /// The folder of the bundled scenarios.
-pub fn maps() -> PathBuf {
+pub(crate) fn maps() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("maps")
 }
 
 /// A bundled scenario, by the name of its file.
-pub fn bundled(name: &str) -> Scenario {
+pub(crate) fn bundled(name: &str) -> Scenario {
     let file = maps().join(name).with_extension("xml");
     read_file(&file).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// The folder of real scenarios, if it is there.
-pub fn real_scenarios() -> Option<PathBuf> {
+pub(crate) fn real_scenarios() -> Option<PathBuf> {
     let root = std::env::var_os("STOPLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     let folder = root.join("commonroad");
@@ -42,13 +42,13 @@ pub fn real_scenarios() -> Option<PathBuf> {
 }
 
 /// Drives the first problem of a scenario with the default settings.
-pub fn driven(scenario: &Scenario) -> Run<'_> {
+pub(crate) fn driven(scenario: &Scenario) -> Run<'_> {
     let problem = &scenario.problems[0];
     drive(scenario, problem, &VEHICLE, &Settings::default(), &mut |_, _| {}).unwrap()
 }
 
 /// What did not hold, for messages; empty when everything did.
-pub fn failures(run: &Run) -> Vec<String> {
+pub(crate) fn failures(run: &Run) -> Vec<String> {
     let told = |c: &stopline::verdict::Check| {
         format!("{} {:.3} {} (limit {:.3}) at {:?} s: {}", c.name, c.value, c.unit, c.limit, c.at_time, c.note)
     };
@@ -56,10 +56,10 @@ pub fn failures(run: &Run) -> Vec<String> {
 }
 
 /// Id of obstacles that tests add.
-pub const ADDED: i64 = 9_999;
+pub(crate) const ADDED: i64 = 9_999;
 
 /// A rectangle that stands for ever, length along its heading.
-pub fn standing(pose: Pose, length: f64, width: f64) -> Obstacle {
+pub(crate) fn standing(pose: Pose, length: f64, width: f64) -> Obstacle {
     Obstacle {
         id: ADDED,
         kind: ObstacleKind::Structure,
@@ -70,14 +70,14 @@ pub fn standing(pose: Pose, length: f64, width: f64) -> Obstacle {
 
 /// A motion of the plane: mirrored at the x axis if so, then turned about the origin, then moved.
 #[derive(Debug, Clone, Copy)]
-pub struct PlaneMotion {
-    pub is_mirrored: bool,
-    pub turn: f64,
-    pub shift: Vector,
+pub(crate) struct PlaneMotion {
+    pub(crate) is_mirrored: bool,
+    pub(crate) turn: f64,
+    pub(crate) shift: Vector,
 }
 
 impl PlaneMotion {
-    pub const NONE: Self = Self { is_mirrored: false, turn: 0.0, shift: Vector::new(0.0, 0.0) };
+    pub(crate) const NONE: Self = Self { is_mirrored: false, turn: 0.0, shift: Vector::new(0.0, 0.0) };
 
     fn local(&self, p: Point) -> Point {
         if self.is_mirrored { Point::new(p.x, -p.y) } else { p }
@@ -87,11 +87,11 @@ impl PlaneMotion {
         if self.is_mirrored { -left_positive } else { left_positive }
     }
 
-    pub fn point(&self, p: Point) -> Point {
+    pub(crate) fn point(&self, p: Point) -> Point {
         nalgebra::Rotation2::new(self.turn) * self.local(p) + self.shift
     }
 
-    pub fn pose(&self, pose: &Pose) -> Pose {
+    pub(crate) fn pose(&self, pose: &Pose) -> Pose {
         Pose { position: self.point(pose.position), yaw: self.signed(pose.yaw) + self.turn }
     }
 
@@ -167,7 +167,7 @@ impl PlaneMotion {
     }
 
     /// The whole scenario moved.
-    pub fn scenario(&self, scenario: &Scenario) -> Scenario {
+    pub(crate) fn scenario(&self, scenario: &Scenario) -> Scenario {
         let mut moved = scenario.clone();
         for lanelet in moved.network.lanelets.values_mut() {
             *lanelet = self.lanelet(lanelet);
