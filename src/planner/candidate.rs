@@ -34,15 +34,19 @@ pub(super) struct Situation<'a> {
     pub(super) proof_deceleration: f64,
     /// Stretches of the reference line on which resting is not allowed.
     pub(super) no_rest: &'a [(f64, f64)],
-    /// Whether moving obstacles are given way with the time gap.
-    pub(super) with_gap: bool,
+    /// Time by which moving obstacles are given way before and after, s.
+    pub(super) time_gap: f64,
     /// Lateral acceleration that no path may ask for, m/s².
     pub(super) lateral_limit: f64,
 }
 
 /// A candidate whose stop is proven.
 pub(super) struct Proven {
+    /// The problem to be proved: intervals as they are blocked, caps as hard as they are. The search kept a time gap and
+    /// a reserve of lateral acceleration to them.
     pub(super) problem: SpeedProblem,
+    /// The caps with the reserve.
+    pub(super) guide_caps: Vec<f64>,
     pub(super) searched: SpeedProfile,
     pub(super) plan: SpeedPlan,
     /// Cells blocked on the path, for pictures.
@@ -61,9 +65,11 @@ impl Situation<'_> {
         if self.is_too_sharp(path) {
             return Evaluation::Rejected { code: "too_sharp", expansions: 0 };
         }
-        let Some((problem, blocked)) = self.speed_problem(path) else {
+        let Some((mut problem, blocked)) = self.speed_problem(path) else {
             return Evaluation::Rejected { code: "no_room", expansions: 0 };
         };
+        let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
+        let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         match plan(&problem, &resolution) {
             SpeedOutcome::NoSafePlan { expansions, budget_spent } => {
@@ -71,7 +77,12 @@ impl Situation<'_> {
                 Evaluation::Rejected { code, expansions }
             }
             SpeedOutcome::Proven(plan) => match smoothing::unsmoothed(&problem, &plan) {
-                Some(searched) => Evaluation::Proven(Box::new(Proven { problem, searched, plan, blocked })),
+                Some(searched) => {
+                    let caps = self.hard_caps(path, &problem.stations);
+                    let guide_caps = std::mem::replace(&mut problem.caps, caps);
+                    let problem = SpeedProblem { blocked: as_blocked, ..problem };
+                    Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, plan, blocked }))
+                }
                 None => Evaluation::Rejected { code: "no_profile", expansions: plan.expansions },
             },
         }
@@ -147,9 +158,8 @@ impl Situation<'_> {
             return None;
         }
         let cells = stations.len() - 1;
-        let gap = if self.with_gap { self.settings.time_gap } else { 0.0 };
         let blocked: Vec<Vec<TimeInterval>> = (0..cells)
-            .map(|cell| widened(grid.intervals(cell).iter().map(|b| (b.from, b.to)), gap, self.time))
+            .map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect())
             .collect();
         let blocked_at_start =
             grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
@@ -177,23 +187,29 @@ impl Situation<'_> {
         !self.no_rest.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
     }
 
-    /// Upper bounds at the nodes, by minimum: curvature and steering, rules, the goal's time window, the planned stop.
-    fn caps(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
-        let comfort = &self.vehicle.comfort;
+    /// Upper bounds that the vehicle and the rules set, for a lateral acceleration and a share of the steering rate.
+    fn hard_limits(&self, path: &LatticePath, stations: &[f64], lateral: f64, steering_share: f64) -> Vec<f64> {
         let limits = SpeedLimits {
-            lateral_acceleration: self.settings.lateral_share * comfort.lateral_acceleration,
-            steering_rate: STEERING_SHARE * self.vehicle.limits.steering_rate,
+            lateral_acceleration: lateral,
+            steering_rate: steering_share * self.vehicle.limits.steering_rate,
             wheelbase: self.vehicle.wheelbase,
             top_speed: self.vehicle.limits.speed,
         };
-        let mut caps: Vec<f64> = stations
-            .iter()
-            .map(|s| {
-                let ahead = self.station + s;
-                let rule = self.reference.speed_limit(ahead).unwrap_or(f64::INFINITY);
-                limits.at(&path.path.at(*s)).min(rule).min(self.cruise)
-            })
-            .collect();
+        let rule = |s: f64| self.reference.speed_limit(self.station + s).unwrap_or(f64::INFINITY);
+        stations.iter().map(|s| limits.at(&path.path.at(*s)).min(rule(*s)).min(self.cruise)).collect()
+    }
+
+    /// What a smoothed profile is proved against.
+    fn hard_caps(&self, path: &LatticePath, stations: &[f64]) -> Vec<f64> {
+        self.hard_limits(path, stations, self.lateral_limit, 1.0)
+    }
+
+    /// Upper bounds at the nodes, by minimum: curvature and steering with a reserve, rules, the goal's time window, the
+    /// planned stop.
+    fn caps(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
+        let comfort = &self.vehicle.comfort;
+        let lateral = self.settings.lateral_share * comfort.lateral_acceleration;
+        let mut caps = self.hard_limits(path, stations, lateral, STEERING_SHARE);
         if let Some(goal) = &self.goal {
             let in_time = goal.speed_for_window(self.station, self.time).max(SLOWEST_APPROACH);
             for (cap, s) in caps.iter_mut().zip(stations) {
@@ -240,9 +256,9 @@ const SLOWEST_APPROACH: f64 = 0.5;
 const STEERING_SHARE: f64 = 0.8;
 
 /// Intervals made longer by `gap` on both sides (not before `now`), merged where they meet.
-fn widened(intervals: impl Iterator<Item = TimeInterval>, gap: f64, now: f64) -> Vec<TimeInterval> {
+fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> {
     let mut merged: Vec<TimeInterval> = Vec::new();
-    for (from, to) in intervals {
+    for &(from, to) in intervals {
         let (from, to) = (if from > now { (from - gap).max(now) } else { from }, to + gap);
         match merged.last_mut() {
             Some(last) if from <= last.1 => last.1 = last.1.max(to),
@@ -258,7 +274,7 @@ mod tests {
 
     #[test]
     fn widened_intervals_merge_and_do_not_reach_into_the_past() {
-        let b = widened([(0.5, 1.0), (2.0, 2.5), (6.0, 7.0)].into_iter(), 0.6, 0.4);
+        let b = widened(&[(0.5, 1.0), (2.0, 2.5), (6.0, 7.0)], 0.6, 0.4);
         assert_eq!(b, vec![(0.4, 3.1), (5.4, 7.6)]);
     }
 }

@@ -67,8 +67,8 @@ struct Rung {
     deceleration: f64,
     /// Factor on the cruising speed.
     speed_factor: f64,
-    /// Whether moving obstacles are given way with the time gap.
-    with_gap: bool,
+    /// Time by which moving obstacles are given way, s.
+    time_gap: f64,
     /// Whether resting in junctions is forbidden.
     junctions_kept_free: bool,
     /// Lateral acceleration that no path may ask for, m/s².
@@ -217,22 +217,22 @@ impl<'a> Planner<'a> {
             acceleration: self.vehicle.comfort.acceleration,
             deceleration: aggressive,
             speed_factor: 1.0,
-            with_gap: true,
+            time_gap: self.settings.time_gap,
             junctions_kept_free: true,
             lateral_limit,
         };
         let mut rungs = vec![
             first,
-            Rung { with_gap: false, ..first },
-            Rung { with_gap: false, junctions_kept_free: false, ..first },
-            Rung { with_gap: false, junctions_kept_free: false, world: 1, ..first },
+            Rung { time_gap: SHORT_GAP, ..first },
+            Rung { time_gap: SHORT_GAP, junctions_kept_free: false, ..first },
+            Rung { time_gap: 0.0, junctions_kept_free: false, world: 1, ..first },
         ];
         rungs.extend(self.settings.emergency.iter().map(|e| Rung {
             world: 1,
             acceleration: e.acceleration,
             deceleration: e.deceleration,
             speed_factor: self.settings.emergency_speed,
-            with_gap: false,
+            time_gap: 0.0,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
         }));
@@ -387,16 +387,16 @@ impl<'a> Planner<'a> {
             horizon: self.horizon,
             proof_deceleration: rung.deceleration,
             no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
-            with_gap: rung.with_gap,
+            time_gap: rung.time_gap,
             lateral_limit: rung.lateral_limit,
         }
     }
 
     /// The choice's profile made jerk-limited, if it can be proved again.
     fn smoothed(&self, start: &Start, choice: &Choice) -> Option<SpeedProfile> {
-        let Proven { problem, searched, .. } = &*choice.proven;
+        let Proven { problem, guide_caps, searched, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        smoothing::smooth_and_prove(problem, searched, start.point.acceleration, &settings)
+        smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings)
     }
 
     /// Whether the committed plan is in its final approach and the new one would not get farther: then it goes on as it
@@ -448,6 +448,8 @@ const PREDICTION_BEYOND_END: f64 = 15.0;
 const CURVATURE_SHARE: f64 = 0.95;
 /// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
 const LATERAL_HEADROOM: f64 = 0.9;
+/// Time gap where the wanted one proves nothing, s: room for the smoothing.
+const SHORT_GAP: f64 = 0.15;
 /// Braking where the settings name no emergency limits, m/s²: inside dry friction.
 const HARDEST_BRAKING: f64 = 8.0;
 /// Lateral acceleration of emergency paths, m/s²: well inside dry friction, with braking on top.

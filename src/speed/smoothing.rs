@@ -68,31 +68,38 @@ pub fn unsmoothed(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfi
     SpeedProfile::new(knots.collect())
 }
 
-/// The smoothed profile, starting with `start_acceleration`, if one can be proved. Where the first solution cannot be,
-/// caps and corridor are read again along it and the program is solved once more (a step of sequential convex
-/// programming).
+/// The smoothed profile, starting with `start_acceleration`, if one can be proved for `problem`. It is guided by
+/// `guide_caps`, which may keep a reserve to the problem's own. Caps and corridor are first read along
+/// the searched plan, then along the solution before: a sequential convex program of a few steps.
 #[must_use]
 pub fn smooth_and_prove(
     problem: &SpeedProblem,
+    guide_caps: &[f64],
     searched: &SpeedProfile,
     start_acceleration: f64,
     settings: &Settings,
 ) -> Option<SpeedProfile> {
-    let first = smooth(problem, searched, start_acceleration, settings)?;
-    if prove(problem, &first).is_ok() {
-        return Some(first);
+    /// A third solution rarely passes where the second did not.
+    const SOLUTIONS: usize = 3;
+    let mut along = searched.clone();
+    for _ in 0..SOLUTIONS {
+        let solution = smooth(problem, guide_caps, searched, &along, start_acceleration, settings)?;
+        if prove(problem, &solution).is_ok() {
+            return Some(solution);
+        }
+        along = solution;
     }
-    let second = smooth(problem, &first, start_acceleration, settings)?;
-    prove(problem, &second).is_ok().then_some(second)
+    None
 }
 
-/// The smoothed profile, starting with `start_acceleration`; `None` if the program has no solution.
-///
-/// The result is not proven: see the module's text.
+/// The smoothed profile near `searched`, starting with `start_acceleration`, with caps and corridor read along `along`;
+/// `None` if the program has no solution. The result is not proven: see the module's text.
 #[must_use]
 pub fn smooth(
     problem: &SpeedProblem,
+    guide_caps: &[f64],
     searched: &SpeedProfile,
+    along: &SpeedProfile,
     start_acceleration: f64,
     settings: &Settings,
 ) -> Option<SpeedProfile> {
@@ -103,7 +110,7 @@ pub fn smooth(
     let mut qp = QuadraticProgram::new(layout.variables());
     add_objective(&mut qp, &layout, searched, settings);
     add_dynamics(&mut qp, &layout, searched, start_acceleration, h);
-    add_bounds(&mut qp, &layout, problem, searched, start_acceleration, settings);
+    add_bounds(&mut qp, &layout, problem, guide_caps, along, start_acceleration, settings);
     let solution = qp.solve();
     if !solution.is_usable() {
         return None;
@@ -112,7 +119,7 @@ pub fn smooth(
 }
 
 /// Weight of a speed over its cap, in s²/m² and s/m.
-const OVER_CAP_WEIGHT: f64 = 20.0;
+const OVER_CAP_WEIGHT: f64 = 100.0;
 
 /// Factor on the station weight of the last knot.
 const END_EMPHASIS: f64 = 100.0;
@@ -173,7 +180,8 @@ fn add_bounds(
     qp: &mut QuadraticProgram,
     layout: &Layout,
     problem: &SpeedProblem,
-    searched: &SpeedProfile,
+    caps: &[f64],
+    along: &SpeedProfile,
     start_acceleration: f64,
     settings: &Settings,
 ) {
@@ -183,18 +191,17 @@ fn add_bounds(
     }
     for k in 1..=layout.n {
         let t = k as f64 * settings.step;
-        let wanted = searched.at(t);
-        let (lower, upper) = corridor(problem, wanted.station, problem.start_time + t, settings.step);
+        let station = along.at(t).station;
+        let (lower, upper) = corridor(problem, station, problem.start_time + t, settings.step);
         qp.between(lower, &[(layout.s(k), 1.0)], upper);
-        let (cap, slope) = cap_line(problem, wanted.station);
-        let excess = (wanted.speed - cap - slope * wanted.station).max(0.0);
+        let (cap, slope) = cap_line(problem, caps, station);
         qp.between(0.0, &[(layout.v(k), 1.0)], f64::INFINITY);
         // caps are soft: a start acceleration may carry the speed over one, and a proof follows anyway
         let over = qp.add_variable();
         qp.between(0.0, &[(over, 1.0)], f64::INFINITY);
         qp.add_square(OVER_CAP_WEIGHT, &[(over, 1.0)], 0.0);
         qp.add_linear(over, OVER_CAP_WEIGHT);
-        qp.between(f64::NEG_INFINITY, &[(layout.v(k), 1.0), (layout.s(k), -slope), (over, -1.0)], cap + excess);
+        qp.between(f64::NEG_INFINITY, &[(layout.v(k), 1.0), (layout.s(k), -slope), (over, -1.0)], cap);
         // the acceleration that the cycle starts with may lie outside and decays at the jerk limit
         let allowance = (start_acceleration.abs() - settings.jerk * t).max(0.0);
         let lowest = (-limits.aggressive_deceleration).min(if start_acceleration < 0.0 { -allowance } else { 0.0 });
@@ -223,8 +230,8 @@ const STEEPEST_CAP: f64 = -3.0;
 
 /// The cap near `station` as a line in the station, `v ≤ c + c′ s`: the tangent where caps fall (a braking curve is
 /// concave, so its tangent is close above it), the cap itself elsewhere. Returns `(c, c′)`.
-fn cap_line(problem: &SpeedProblem, station: f64) -> (f64, f64) {
-    let (nodes, caps) = (&problem.stations, &problem.caps);
+fn cap_line(problem: &SpeedProblem, caps: &[f64], station: f64) -> (f64, f64) {
+    let nodes = &problem.stations;
     let cells = problem.cells();
     if cells == 0 {
         return (0.0, 0.0);
@@ -287,7 +294,7 @@ mod tests {
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
         let searched = searched(problem);
         let settings = Settings::default();
-        let smooth = smooth(problem, &searched, start_acceleration, &settings).expect("solvable");
+        let smooth = smooth_and_prove(problem, &problem.caps, &searched, start_acceleration, &settings).expect("solvable");
         assert_eq!(prove(problem, &smooth), Ok(()));
         let jerk = smooth.knots().iter().map(|k| k.jerk.abs()).fold(0.0, f64::max);
         assert!(jerk <= settings.jerk + 1e-3, "jerk {jerk}");
@@ -328,6 +335,6 @@ mod tests {
             SpeedKnot { time: 0.3, station: 1.5, speed: 0.0, acceleration: 0.0, jerk: 0.0 },
         ])
         .unwrap();
-        assert_eq!(smooth(&problem, &short, 0.0, &Settings::default()), None);
+        assert_eq!(smooth(&problem, &problem.caps, &short, &short, 0.0, &Settings::default()), None);
     }
 }
