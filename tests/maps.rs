@@ -1,0 +1,246 @@
+//! The bundled scenarios end as their stories say, with every check held; and they would not if the story were another.
+
+mod common;
+
+use std::collections::BTreeMap;
+
+use common::{ADDED, VEHICLE, bundled, driven, failures, maps, standing};
+use stopline::drive::{Outcome, Run};
+use stopline::geometry::{Point, Pose};
+use stopline::map::{Motion, Scenario};
+use stopline::simulation::{self, Log, World};
+use stopline::vehicle::State;
+use stopline::verdict::{self, Expectation};
+
+/// One test for each story, and the list of all.
+macro_rules! stories {
+    ($($name:ident: $outcome:ident),* $(,)?) => {
+        const STORIES: &[(&str, Outcome)] = &[$((stringify!($name), Outcome::$outcome)),*];
+        mod story {
+            use super::*;
+            $(#[test]
+            fn $name() {
+                ends_as_told(stringify!($name), Outcome::$outcome);
+            })*
+        }
+    };
+}
+
+stories! {
+    straight_100m: GoalReached,
+    parked_car: GoalReached,
+    slalom: GoalReached,
+    s_curve: GoalReached,
+    turn_90: GoalReached,
+    lane_change: GoalReached,
+    lane_blocked: StoppedSafely,
+    slow_lead: GoalReached,
+    lead_brakes_hard: StoppedSafely,
+    pedestrian: GoalReached,
+    cut_in: GoalReached,
+    oncoming: GoalReached,
+}
+
+fn ends_as_told(name: &str, outcome: Outcome) {
+    let scenario = bundled(name);
+    assert!(scenario.issues.is_empty(), "{name}: {:?}", scenario.issues);
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, outcome, "{name}: {:?}, {:#?}", run.reason, failures(&run));
+    let asked: Vec<_> = run.verdict.checks.iter().map(|c| c.name).collect();
+    let by_outcome = if outcome == Outcome::GoalReached { "goal" } else { "stops" };
+    for check in
+        ["no_contact", "stays_on_road", "stop_proven", "comfort_longitudinal", "comfort_lateral", "comfort_jerk"]
+            .into_iter()
+            .chain(["tracking", by_outcome])
+    {
+        assert!(asked.contains(&check), "{name}: {check} was not asked, only {asked:?}");
+    }
+    assert!(run.verdict.pass(), "{name}: {:#?}", failures(&run));
+}
+
+/// The table of `maps/README.md`, this file's and the folder say the same.
+#[test]
+fn every_file_has_its_story_and_the_readme_tells_it() {
+    let told: BTreeMap<String, String> = STORIES.iter().map(|(n, o)| ((*n).into(), o.name().into())).collect();
+    let files = std::fs::read_dir(maps()).unwrap().map(|e| e.unwrap().path());
+    let mut in_folder: Vec<String> = files
+        .filter(|p| p.extension().is_some_and(|e| e == "xml"))
+        .map(|p| p.file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect();
+    in_folder.sort();
+    assert_eq!(in_folder, told.keys().cloned().collect::<Vec<_>>());
+    let readme = std::fs::read_to_string(maps().join("README.md")).unwrap();
+    let rows = readme.lines().filter_map(|line| {
+        let cells: Vec<_> = line.split('|').map(str::trim).collect();
+        let name = cells.get(1)?.strip_prefix("[`")?.split(".xml").next()?;
+        Some((name.to_owned(), cells.get(3)?.trim_matches('`').to_owned()))
+    });
+    assert_eq!(rows.collect::<BTreeMap<_, _>>(), told);
+}
+
+// ---- Twins: the same road with something changed, and the outcome changes with it.
+
+/// Drives with a wall added, and demands rest without contact.
+fn stops_before_a_wall(name: &str, wall: Pose) {
+    /// Longer than any of the roads is wide, m.
+    const WIDTH: f64 = 16.0;
+    let mut scenario = bundled(name);
+    scenario.obstacles.push(standing(wall, 1.0, WIDTH));
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::StoppedSafely, "{name}: {:?}, {:#?}", run.reason, failures(&run));
+    assert!(run.verdict.pass(), "{name}: {:#?}", failures(&run));
+    let (start, end) = (run.log.samples[0], run.log.samples[run.log.samples.len() - 1]);
+    let to_wall = wall.to_local(VEHICLE.centre_of_rear_axle(&end.pose).position).x;
+    let front = -to_wall - 0.5 * VEHICLE.length - 0.5;
+    let driven = (end.pose.position - start.pose.position).norm();
+    assert!(driven > 10.0, "{name}: stopped for nothing, after {driven:.1} m");
+    assert!(front > 0.0 && front < 5.0, "{name}: {front:.2} m left to the wall");
+}
+
+#[test]
+fn a_wall_behind_the_parked_car_is_stopped_for() {
+    stops_before_a_wall("parked_car", Pose::new(90.0, 0.0, 0.0));
+}
+
+#[test]
+fn a_wall_beside_the_parked_car_is_stopped_for() {
+    stops_before_a_wall("parked_car", Pose::new(60.0, 0.0, 0.0));
+}
+
+#[test]
+fn a_wall_on_the_empty_road_is_stopped_for() {
+    stops_before_a_wall("straight_100m", Pose::new(80.0, 0.0, 0.0));
+}
+
+#[test]
+fn a_wall_behind_the_slow_lead_is_stopped_for_when_the_lead_is_gone() {
+    let mut scenario = bundled("slow_lead");
+    scenario.obstacles.clear();
+    scenario.obstacles.push(standing(Pose::new(70.0, 0.0, 0.0), 1.0, 16.0));
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::StoppedSafely, "{:#?}", failures(&run));
+    assert!(run.verdict.pass(), "{:#?}", failures(&run));
+}
+
+/// What blocks the way taken away: the goal is reached.
+fn reaches_its_goal_when_empty(name: &str) {
+    let mut scenario = bundled(name);
+    scenario.obstacles.clear();
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::GoalReached, "{name}: {:#?}", failures(&run));
+    assert!(run.verdict.pass(), "{name}: {:#?}", failures(&run));
+}
+
+#[test]
+fn without_the_building_site_the_goal_is_reached() {
+    reaches_its_goal_when_empty("lane_blocked");
+}
+
+#[test]
+fn without_the_braking_lead_the_goal_is_reached() {
+    reaches_its_goal_when_empty("lead_brakes_hard");
+}
+
+#[test]
+fn traffic_costs_time() {
+    for name in ["slow_lead", "pedestrian"] {
+        let with = bundled(name);
+        let mut without = with.clone();
+        without.obstacles.clear();
+        let last = |run: &Run| run.log.samples[run.log.samples.len() - 1].time;
+        let (with, without) = (last(&driven(&with)), last(&driven(&without)));
+        assert!(with > without + 1.0, "{name}: {with:.1} s with traffic, {without:.1} s without");
+    }
+}
+
+#[test]
+fn a_goal_that_can_not_be_reached_in_time_is_not_claimed() {
+    let mut scenario = bundled("straight_100m");
+    scenario.problems[0].goals[0].time.max = 3.0;
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::TimedOut);
+    let failed: Vec<_> = run.verdict.failures().map(|c| c.name).collect();
+    assert_eq!(failed, ["goal"]);
+}
+
+#[test]
+fn a_start_inside_a_wall_is_a_collision_with_its_reason() {
+    let mut scenario = bundled("straight_100m");
+    scenario.obstacles.push(standing(scenario.problems[0].initial.centre, 1.0, 1.0));
+    let run = driven(&scenario);
+    assert_eq!((run.outcome, run.reason), (Outcome::Collision, Some("start_in_collision")));
+    assert!(run.verdict.failures().any(|c| c.name == "no_contact"));
+}
+
+// ---- The judge and the rig are not told what the planner knows: the same drive, another world.
+
+fn judged(run: &Run, scenario: &Scenario) -> Vec<&'static str> {
+    let settings = verdict::Settings::expecting(Expectation::Goal);
+    let verdict = verdict::judge(scenario, run.problem, run.vehicle, &run.cycles, &run.log, &settings);
+    verdict.failures().map(|c| c.name).collect()
+}
+
+#[test]
+fn the_judge_sees_an_obstacle_that_was_put_on_the_driven_way_afterwards() {
+    let scenario = bundled("s_curve");
+    let run = driven(&scenario);
+    assert_eq!(judged(&run, &scenario), [""; 0], "fails as it is");
+    let middle = VEHICLE.centre_of_rear_axle(&run.log.samples[run.log.samples.len() / 2].pose);
+    let mut on_the_way = scenario.clone();
+    on_the_way.obstacles.push(standing(middle, 0.3, 0.3));
+    assert_eq!(judged(&run, &on_the_way), ["no_contact"]);
+    let mut beside = scenario.clone();
+    let left = Pose { position: middle.to_world(Point::new(0.0, 0.5 * VEHICLE.width + 0.3)), yaw: middle.yaw };
+    beside.obstacles.push(standing(left, 0.3, 0.3));
+    assert_eq!(judged(&run, &beside), [""; 0], "0.15 m beside the way is no contact");
+}
+
+#[test]
+fn the_judge_sees_that_the_road_was_taken_away() {
+    let scenario = bundled("parked_car");
+    let run = driven(&scenario);
+    let mut narrower = scenario.clone();
+    narrower.network.lanelets.remove(&2); // the left lane, into which the way round leads
+    let failed = judged(&run, &narrower);
+    assert!(failed.contains(&"stays_on_road"), "{failed:?}");
+}
+
+/// Drives the same plans again in a world with other obstacles, blindly.
+fn replayed(run: &Run, obstacles: &[stopline::map::Obstacle]) -> Log {
+    let s = &run.log.samples[0];
+    let initial = State {
+        time: s.time,
+        pose: s.pose,
+        speed: s.speed,
+        acceleration: run.problem.initial.acceleration,
+        yaw_rate: s.yaw_rate,
+        steering: s.steering,
+    };
+    let mut world = World::new(&VEHICLE, obstacles, &initial, &simulation::Settings::default()).unwrap();
+    let mut log = Log::default();
+    for (cycle, next) in run.cycles.iter().zip(run.cycles.iter().skip(1)) {
+        world.follow(&cycle.committed, next.time, &mut log);
+    }
+    log
+}
+
+#[test]
+fn the_rig_touches_what_a_blind_plan_runs_into_and_only_that() {
+    let mut scenario = bundled("parked_car");
+    let parked = std::mem::take(&mut scenario.obstacles);
+    let run = driven(&scenario); // along the lane's middle, past where the car was
+    let free = replayed(&run, &[]);
+    assert_eq!(free.contact, None);
+    assert_eq!(free.samples[..], run.log.samples[..free.samples.len()], "replaying is not the same drive");
+    let contact = replayed(&run, &parked).contact.expect("a car in the way, and no contact");
+    let Motion::Static(at) = &parked[0].motion else { panic!("a parked car that moves") };
+    assert_eq!(contact.obstacle, parked[0].id);
+    let front = VEHICLE.front_overhang_from_rear_axle();
+    assert!((contact.at_rear_axle_frame.x - front).abs() < 0.1, "{contact:?} is not at the front, {front}");
+    let there = free.samples.iter().find(|s| s.time >= contact.time).unwrap();
+    let bumper = there.pose.to_world(Point::new(front, 0.0)).x;
+    assert!((bumper - (at.position.x - 2.25)).abs() < 0.2, "touched with the bumper at {bumper}");
+    let aside = standing(Pose::new(60.0, 1.75 + 0.5, 0.0), 4.5, 1.8);
+    assert_eq!(aside.id, ADDED);
+    assert_eq!(replayed(&run, &[aside]).contact, None, "touched a car in the other lane");
+}
