@@ -113,7 +113,11 @@ fn scenario() -> Scenario {
 fn problem() -> PlanningProblem {
     let goal = Goal {
         position: Some(GoalPosition::Shapes(Shape {
-            parts: vec![stopline::map::Part::Rectangle { centre: on_road(300.0, 0.0), length: 20.0, width: LANE_WIDTH }],
+            parts: vec![stopline::map::Part::Rectangle {
+                centre: on_road(300.0, 0.0),
+                length: 20.0,
+                width: LANE_WIDTH,
+            }],
         })),
         time: Interval { min: 0.0, max: 60.0 },
         speed: None,
