@@ -1,5 +1,7 @@
 //! Blocked intervals: the ST graph that the speed search reads.
 
+use std::ops::Range;
+
 use super::swept::Sweep;
 
 /// A time interval in which an obstacle is where the vehicle would be.
@@ -29,34 +31,6 @@ pub struct BlockedGrid {
 }
 
 impl BlockedGrid {
-    pub(super) fn new(
-        sweeps: &[&Sweep],
-        bits: &SliceBits,
-        slice: f64,
-        first: usize,
-        id: impl Fn(usize) -> i64,
-    ) -> Self {
-        let mut stations = vec![0.0];
-        for sweep in sweeps {
-            let before = stations[stations.len() - 1];
-            stations.extend(sweep.stations()[1..].iter().map(|s| before + s));
-        }
-        let mut starts = vec![0];
-        let mut intervals = Vec::new();
-        for cell in 0..stations.len() - 1 {
-            bits.runs(cell, |slices, track| {
-                intervals.push(BlockedInterval {
-                    from: (first + slices.start) as f64 * slice,
-                    to: (first + slices.end) as f64 * slice,
-                    obstacle: id(track),
-                });
-            });
-            #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
-            starts.push(intervals.len() as u32);
-        }
-        Self { stations, starts, intervals }
-    }
-
     /// Number of cells.
     #[must_use]
     pub fn cells(&self) -> usize {
@@ -145,15 +119,83 @@ impl SliceBits {
         self.by[cell * self.slices + slice] = track as u32 + 1;
     }
 
-    /// Calls `found` with each run of slices that the same track blocks, in order.
-    fn runs(&self, cell: usize, mut found: impl FnMut(std::ops::Range<usize>, usize)) {
-        let row = &self.by[cell * self.slices..(cell + 1) * self.slices];
-        let mut start = 0;
-        for run in row.chunk_by(|a, b| a == b) {
-            if run[0] != 0 {
-                found(start..start + run.len(), run[0] as usize - 1);
+    /// The runs of slices that the same track blocks, by cell; `first` is the first slice of this table.
+    #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
+    pub(super) fn runs(&self, first: usize) -> CellRuns {
+        let mut all = CellRuns { starts: vec![0], runs: Vec::new() };
+        let free = vec![0; self.slices];
+        for row in self.by.chunks_exact(self.slices.max(1)) {
+            let mut start = first;
+            // most cells are never blocked: one comparison of memory tells
+            let blocked = if row == free.as_slice() { &row[..0] } else { row };
+            for run in blocked.chunk_by(|a, b| a == b) {
+                if run[0] != 0 {
+                    all.runs.push(Run { slices: start..start + run.len(), track: run[0] as usize - 1 });
+                }
+                start += run.len();
             }
-            start += run.len();
+            all.starts.push(all.runs.len() as u32);
         }
+        all
+    }
+}
+
+/// Slices in which one track blocks a cell.
+#[derive(Debug, Clone)]
+struct Run {
+    slices: Range<usize>,
+    track: usize,
+}
+
+/// The runs of every cell, in order of time.
+#[derive(Debug, Clone)]
+pub(super) struct CellRuns {
+    /// The runs of cell `i` are `runs[starts[i]..starts[i + 1]]`; without slices there are no cells.
+    starts: Vec<u32>,
+    runs: Vec<Run>,
+}
+
+impl CellRuns {
+    fn of(&self, cell: usize) -> &[Run] {
+        match (self.starts.get(cell), self.starts.get(cell + 1)) {
+            (Some(&a), Some(&b)) => &self.runs[a as usize..b as usize],
+            _ => &[],
+        }
+    }
+}
+
+/// A grid in the making, sweep by sweep.
+pub(super) struct GridBuilder {
+    slice: f64,
+    wanted: Range<usize>,
+    grid: BlockedGrid,
+}
+
+impl GridBuilder {
+    /// For slices of length `slice` (s), only the `wanted` ones.
+    pub(super) fn new(slice: f64, wanted: Range<usize>) -> Self {
+        Self { slice, wanted, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
+    }
+
+    /// Adds the cells of a sweep that begins where the last one ends; `id` names a track's obstacle.
+    pub(super) fn append(&mut self, sweep: &Sweep, runs: &CellRuns, id: impl Fn(usize) -> i64) {
+        let grid = &mut self.grid;
+        let before = grid.stations[grid.stations.len() - 1];
+        grid.stations.extend(sweep.stations()[1..].iter().map(|s| before + s));
+        for cell in 0..sweep.cells() {
+            for run in runs.of(cell) {
+                let (from, to) = (run.slices.start.max(self.wanted.start), run.slices.end.min(self.wanted.end));
+                if from < to {
+                    let (from, to) = (from as f64 * self.slice, to as f64 * self.slice);
+                    grid.intervals.push(BlockedInterval { from, to, obstacle: id(run.track) });
+                }
+            }
+            #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
+            grid.starts.push(grid.intervals.len() as u32);
+        }
+    }
+
+    pub(super) fn finish(self) -> BlockedGrid {
+        self.grid
     }
 }

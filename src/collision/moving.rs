@@ -19,11 +19,12 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
 
-use super::blocked::{BlockedGrid, SliceBits};
+use super::blocked::{BlockedGrid, CellRuns, GridBuilder, SliceBits};
 use super::convert::Origin;
 use super::convex::{Convex, SweptCorners, boxes_meet, merged};
 use super::swept::{Margins, Sweep, with_margins};
@@ -48,6 +49,18 @@ pub struct Predictions {
     tracks: Vec<Track>,
     chunks: Vec<Chunk>,
     tree: Bvh,
+    /// Tells these predictions from others (a clone is the same).
+    identity: Arc<()>,
+}
+
+/// What these predictions block along a sweep, kept with it: a sweep on a kept edge is asked about in many cycles.
+#[derive(Debug, Clone)]
+pub(super) struct KeptRuns {
+    /// Identity of the predictions.
+    of: Arc<()>,
+    /// First slice that was looked at; all later ones were.
+    first: usize,
+    runs: CellRuns,
 }
 
 /// One obstacle's regions: those of slice `first + i` are `slices[i]`.
@@ -83,7 +96,17 @@ impl Predictions {
         let tracks: Vec<Track> = obstacles.iter().filter_map(|o| Track::new(o, &origin, slice, slices)).collect();
         let (chunks, boxes): (Vec<Chunk>, Vec<Aabb>) = tracks.iter().enumerate().flat_map(chunks_of).unzip();
         let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
-        Self { slice, slices, origin, margins: settings.moving_obstacles, obstacles, tracks, chunks, tree }
+        Self {
+            slice,
+            slices,
+            origin,
+            margins: settings.moving_obstacles,
+            obstacles,
+            tracks,
+            chunks,
+            tree,
+            identity: Arc::new(()),
+        }
     }
 
     /// End of what is predicted, s since time step 0 of the file.
@@ -98,18 +121,28 @@ impl Predictions {
     pub fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
         let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
         let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
-        let cells = sweeps.iter().map(|s| s.cells()).sum();
-        let mut bits = SliceBits::new(cells, end - first);
-        let mut offset = 0;
+        let mut grid = GridBuilder::new(self.slice, first..end);
         for sweep in sweeps {
-            self.mark(sweep, offset, first..end, &mut bits);
-            offset += sweep.cells();
+            let kept = sweep.kept_runs().get_or_init(|| self.runs(sweep, first));
+            if Arc::ptr_eq(&kept.of, &self.identity) && kept.first <= first {
+                grid.append(sweep, &kept.runs, |track| self.tracks[track].id);
+            } else {
+                // kept for another world, or for later times
+                grid.append(sweep, &self.runs(sweep, first).runs, |track| self.tracks[track].id);
+            }
         }
-        BlockedGrid::new(sweeps, &bits, self.slice, first, |track| self.tracks[track].id)
+        grid.finish()
+    }
+
+    /// The slices from `first` to the horizon in which each cell of the sweep is blocked.
+    fn runs(&self, sweep: &Sweep, first: usize) -> KeptRuns {
+        let mut bits = SliceBits::new(sweep.cells(), self.slices - first);
+        self.mark(sweep, first..self.slices, &mut bits);
+        KeptRuns { of: Arc::clone(&self.identity), first, runs: bits.runs(first) }
     }
 
     /// Marks the slices in which the sweep's cells are blocked.
-    fn mark(&self, sweep: &Sweep, offset: usize, wanted: Range<usize>, bits: &mut SliceBits) {
+    fn mark(&self, sweep: &Sweep, wanted: Range<usize>, bits: &mut SliceBits) {
         let reach = with_margins(sweep.boxes().bounds(), &self.margins);
         let mut found: Vec<u32> = self.tree.intersect_aabb(&reach).collect();
         // chunks are in order of obstacle and time: the first obstacle to block a cell keeps it
@@ -122,13 +155,13 @@ impl Predictions {
                 let slice = &track.slices[i];
                 let Some(aabb) = slice.aabb.filter(|_| wanted.contains(&j)) else { continue };
                 sweep.cells_near(&aabb, &slice.pieces, &self.margins, |cell| {
-                    if bits.is_set(offset + cell, j - wanted.start) {
+                    if bits.is_set(cell, j - wanted.start) {
                         return;
                     }
                     let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, &self.margins));
                     let reach = with_margins(sweep.boxes().cell(cell), &self.margins);
                     if slice.pieces.iter().any(|p| boxes_meet(p.aabb(), &reach) && p.overlaps(shape)) {
-                        bits.set(offset + cell, j - wanted.start, chunk.track);
+                        bits.set(cell, j - wanted.start, chunk.track);
                     }
                 });
             }

@@ -25,11 +25,14 @@
 //! car's tightest circle (κ = 0.2 1/m) and 2 cm where κ′ = 0.1 1/m² comes on top; the footprint stays within 5 cm of
 //! what is covered for spirals with knots up to 0.12 1/m (tested). It grows with the square of the spacing.
 
+use std::sync::OnceLock;
+
 use parry2d::bounding_volume::Aabb;
 
 use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
 use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
+use super::moving::KeptRuns;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::trajectory::Path;
@@ -150,6 +153,8 @@ pub struct Sweep {
     slats: Vec<Slat>,
     body: Body,
     origin: Origin,
+    /// What moving obstacles block, once somebody asked.
+    kept_runs: OnceLock<KeptRuns>,
 }
 
 impl Sweep {
@@ -189,7 +194,7 @@ impl Sweep {
         });
         let boxes = BoxTree::new(boxes.collect());
         let slats = slats_of(body, &frames, &slack);
-        Self { stations, frames, slack, boxes, slats, body: *body, origin: *origin }
+        Self { stations, frames, slack, boxes, slats, body: *body, origin: *origin, kept_runs: OnceLock::new() }
     }
 
     /// Number of cells, at least one.
@@ -224,6 +229,10 @@ impl Sweep {
         let [a, b, c, d] = body.corners(&self.frames[cell]);
         let [e, f, g, h] = body.corners(&self.frames[cell + 1]);
         SweptCorners::new([a, b, c, d, e, f, g, h])
+    }
+
+    pub(super) fn kept_runs(&self) -> &OnceLock<KeptRuns> {
+        &self.kept_runs
     }
 
     pub(super) fn frames(&self) -> &[Frame] {

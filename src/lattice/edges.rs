@@ -6,7 +6,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::cost::CostTerms;
-use super::{Ground, Root, Settings};
+use super::{Ground, LatticePath, Root, Settings};
 use crate::collision::{Allowance, Blocker, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::{Pose, wrap_angle};
@@ -35,42 +35,56 @@ pub struct Edge {
 
 /// Station index from, station index to.
 type LayerPair = (i64, i64);
+/// Edges by the offset they start at; `None` where nobody asked yet.
+type LayerEdges = Vec<Option<Vec<Arc<Edge>>>>;
 
-/// Keeps the edges between lattice nodes from cycle to cycle: they depend on the reference line and the static world
-/// only. A store belongs to one reference line, one static world and one set of settings.
+/// Keeps what stays the same: the edges between lattice nodes from cycle to cycle, which depend on the reference line and
+/// the static world only, and the last answers of [`super::paths`], which several attempts of one cycle ask for again. A
+/// store belongs to one reference line, one collision world and one set of settings.
+///
+/// Edges are made when their first node is first reached by a free chain: most nodes lie off the road and never are.
 #[derive(Debug, Clone, Default)]
 pub struct EdgeStore {
-    layers: HashMap<LayerPair, Vec<Arc<Edge>>>,
+    layers: HashMap<LayerPair, LayerEdges>,
+    pub(super) answers: Answers,
 }
 
 impl EdgeStore {
-    /// All edges between two layers, in a fixed order.
+    /// Edges between two layers by the offset they start at, made for (at least) the `starts` given, each in order of
+    /// the offset they end at.
     pub(super) fn between(
         &mut self,
         ground: &Ground<'_>,
-        from: i64,
-        to: i64,
+        (from, to): LayerPair,
+        starts: &[usize],
         offsets: &[f64],
         settings: &Settings,
-    ) -> &[Arc<Edge>] {
-        self.layers.entry((from, to)).or_insert_with(|| {
-            let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
-            let pairs: Vec<(usize, usize)> = (0..offsets.len())
-                .flat_map(|i| (0..offsets.len()).map(move |j| (i, j)))
-                .filter(|&(i, j)| (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
-                .collect();
-            pairs
-                .par_iter()
-                .filter_map(|&(i, j)| {
-                    let start = ground.reference.offset_pose(s0, offsets[i])?;
-                    let end = ground.reference.offset_pose(s1, offsets[j])?;
-                    let spiral = bounded(&start.pose, start.curvature, &end, ground.max_curvature)?;
-                    let start = start.pose;
-                    let placed = Placed { start, spiral, kept: &[], path_start: start, allowance: Allowance::NONE };
-                    Some(Arc::new(placed.checked(ground, Some(i), j, offsets[j], settings)))
-                })
-                .collect()
-        })
+    ) -> &[Option<Vec<Arc<Edge>>>] {
+        let layer = self.layers.entry((from, to)).or_insert_with(|| vec![None; offsets.len()]);
+        let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
+        let pairs: Vec<(usize, usize)> = starts
+            .iter()
+            .filter(|i| layer[**i].is_none())
+            .flat_map(|&i| (0..offsets.len()).map(move |j| (i, j)))
+            .filter(|&(i, j)| (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
+            .collect();
+        let made: Vec<Option<Arc<Edge>>> = pairs
+            .par_iter()
+            .map(|&(i, j)| {
+                let start = ground.reference.offset_pose(s0, offsets[i])?;
+                let end = ground.reference.offset_pose(s1, offsets[j])?;
+                let spiral = bounded(&start.pose, start.curvature, &end, ground.max_curvature)?;
+                let start = start.pose;
+                let stations = (s0, s1);
+                let placed =
+                    Placed { start, stations, spiral, kept: &[], path_start: start, allowance: Allowance::NONE };
+                Some(Arc::new(placed.checked(ground, Some(i), j, offsets[j], settings)))
+            })
+            .collect();
+        for ((i, _), edge) in pairs.into_iter().zip(made) {
+            layer[i].get_or_insert_with(Vec::new).extend(edge);
+        }
+        layer
     }
 }
 
@@ -82,6 +96,7 @@ pub(super) fn from_root(
     offsets: &[f64],
     settings: &Settings,
 ) -> Vec<Edge> {
+    let begins = ground.reference.project(root.pose.position).s;
     let station = station as f64 * settings.grid;
     (0..offsets.len())
         .into_par_iter()
@@ -90,6 +105,7 @@ pub(super) fn from_root(
             let spiral = bounded(&root.pose, root.curvature, &end, ground.max_curvature)?;
             let placed = Placed {
                 start: root.pose,
+                stations: (begins, station),
                 spiral,
                 kept: &root.kept,
                 path_start: root.start,
@@ -98,6 +114,34 @@ pub(super) fn from_root(
             Some(placed.checked(ground, None, j, offsets[j], settings))
         })
         .collect()
+}
+
+/// What [`super::paths`] was asked.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Question {
+    pub(super) root: Root,
+    pub(super) speed: f64,
+    pub(super) horizon: f64,
+}
+
+/// The last questions with their answers, oldest first.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Answers(Vec<(Question, Vec<LatticePath>)>);
+
+impl Answers {
+    /// Questions kept: a cycle asks from two roots.
+    const KEPT: usize = 2;
+
+    pub(super) fn get(&self, question: &Question) -> Option<Vec<LatticePath>> {
+        self.0.iter().find(|(asked, _)| asked == question).map(|(_, answer)| answer.clone())
+    }
+
+    pub(super) fn keep(&mut self, question: Question, answer: &[LatticePath]) {
+        if self.0.len() == Self::KEPT {
+            self.0.remove(0);
+        }
+        self.0.push((question, answer.to_vec()));
+    }
 }
 
 /// The spiral from a pose to a node, if there is one whose curvature stays within the bound everywhere.
@@ -115,6 +159,8 @@ const LONGEST_DETOUR: f64 = 1.5;
 /// A spiral in its place.
 struct Placed<'a> {
     start: Pose,
+    /// About where it begins and ends on the reference line, m.
+    stations: (f64, f64),
     spiral: CubicSpiral,
     kept: &'a [CubicSpiral],
     path_start: Pose,
@@ -161,8 +207,10 @@ impl Placed<'_> {
         let w = &settings.weights;
         let mut terms = CostTerms { bending: w.bending * self.spiral.bending_energy(), ..CostTerms::default() };
         let way = self.spiral.length / SAMPLES as f64;
-        for (_, point) in self.spiral.samples(&self.start, SAMPLES).skip(1) {
-            let Frenet { s, l } = ground.reference.project(point.pose.position);
+        let (begins, ends) = self.stations;
+        for (along, point) in self.spiral.samples(&self.start, SAMPLES).skip(1) {
+            let about = begins + (ends - begins) * along / self.spiral.length;
+            let Frenet { s, l } = ground.reference.project_near(point.pose.position, about);
             terms.offset += w.offset * way * l * l;
             let (left, right) = ground.reference.lane_bounds(s);
             let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);

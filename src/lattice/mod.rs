@@ -69,7 +69,7 @@ impl Default for Settings {
 }
 
 /// Where chains start: the vehicle, or the end of the part of the committed path that is kept.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Root {
     /// Rear-axle pose at the start.
     pub pose: Pose,
@@ -125,9 +125,15 @@ pub fn paths(
     settings: &Settings,
     store: &mut EdgeStore,
 ) -> Vec<LatticePath> {
+    let question = edges::Question { root: root.clone(), speed, horizon };
+    if let Some(answer) = store.answers.get(&question) {
+        return answer;
+    }
     let stations = layer_stations(ground, root, speed, horizon, settings);
-    let Some(chains) = Chains::build(ground, root, &stations, settings, store) else { return Vec::new() };
-    chains.candidates(root, horizon, settings)
+    let chains = Chains::build(ground, root, &stations, settings, store);
+    let answer = chains.map_or_else(Vec::new, |chains| chains.candidates(root, horizon, settings));
+    store.answers.keep(question, &answer);
+    answer
 }
 
 /// Station indices (multiples of the grid) of the layers ahead of the root.
@@ -192,12 +198,13 @@ impl Chains {
         };
         let mut layer = chains.extend(root_edges(first), offsets.len());
         for (i, pair) in stations.windows(2).enumerate() {
-            let next = store.between(ground, pair[0], pair[1], &offsets, settings);
-            let reached: Vec<_> = layer.iter().flatten().copied().collect();
+            let reached: Vec<(usize, usize)> =
+                layer.iter().enumerate().filter_map(|(offset, label)| Some((offset, (*label)?))).collect();
+            let starts: Vec<usize> = reached.iter().map(|(offset, _)| *offset).collect();
+            let next = store.between(ground, (pair[0], pair[1]), &starts, &offsets, settings);
             let mut tries = Vec::new();
-            for label in reached {
-                let from = chains.labels[label].edge.to;
-                tries.extend(next.iter().filter(|e| e.from == Some(from)).map(|e| (Some(label), Arc::clone(e))));
+            for (offset, label) in reached {
+                tries.extend(next[offset].iter().flatten().map(|e| (Some(label), Arc::clone(e))));
             }
             // long edges straight from the root: a gentle change of lanes takes more than one stride
             if i + 1 < settings.root_layers {

@@ -16,6 +16,7 @@
 //! grid and not for the continuum; edges have unbounded jerk until they are smoothed.
 
 pub mod bounds;
+mod outlook;
 mod prove;
 mod safe_tlp;
 pub mod smoothing;

@@ -10,10 +10,12 @@
 //! the partial goal. The paper orders proofs by distance to the goal; ours go by least stopping distance first, which is
 //! the safety heuristic `d_safe` of SafeRTS and does not creep. Theorems 1 and 2 hold for any order.
 
+use std::cell::Cell;
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
 
+use super::outlook::Outlook;
 use super::{Resolution, SpeedProblem};
 
 /// A state of the speed lattice.
@@ -59,16 +61,34 @@ pub enum SpeedOutcome {
 /// The problem's vectors must fit together: `blocked` one shorter than `stations`, `caps` and `rest_allowed` as long.
 #[must_use]
 pub fn plan(problem: &SpeedProblem, resolution: &Resolution) -> SpeedOutcome {
-    Search::new(problem, *resolution).run()
+    thread_local! {
+        /// Kept from search to search: a cycle makes dozens, each with up to a megabyte of nodes.
+        static MEMORY: Cell<Memory> = Cell::default();
+    }
+    MEMORY.with(|memory| {
+        let mut search = Search::new(problem, *resolution, memory.take());
+        let outcome = search.run();
+        memory.set(search.memory);
+        outcome
+    })
 }
 
 /// Speeds below this are rest (m/s): a rounding guard, far below the slowest speed an edge can produce.
 const REST: f64 = 1e-6;
 
-#[derive(Clone, Copy)]
 struct Node {
     state: SpeedState,
     parent: usize,
+    /// Of its duplicates.
+    key: u64,
+}
+
+/// What a search writes to. Its contents do not outlive the search, its capacity does.
+#[derive(Default)]
+struct Memory {
+    nodes: Vec<Node>,
+    open: BinaryHeap<Open>,
+    closed: Closed,
 }
 
 const NO_PARENT: usize = usize::MAX;
@@ -120,7 +140,8 @@ struct Search<'a> {
     problem: &'a SpeedProblem,
     resolution: Resolution,
     time_matters: bool,
-    nodes: Vec<Node>,
+    outlook: Outlook<'a>,
+    memory: Memory,
     expansions: usize,
     budget_spent: bool,
 }
@@ -135,35 +156,39 @@ enum Phase {
 }
 
 impl<'a> Search<'a> {
-    fn new(problem: &'a SpeedProblem, resolution: Resolution) -> Self {
+    fn new(problem: &'a SpeedProblem, resolution: Resolution, mut memory: Memory) -> Self {
+        memory.nodes.clear();
         let time_matters = problem.time_matters();
-        Self { problem, resolution, time_matters, nodes: Vec::new(), expansions: 0, budget_spent: false }
+        let outlook = Outlook::new(problem);
+        Self { problem, resolution, time_matters, outlook, memory, expansions: 0, budget_spent: false }
     }
 
-    fn run(mut self) -> SpeedOutcome {
+    fn run(&mut self) -> SpeedOutcome {
         let p = self.problem;
         let root = SpeedState { node: 0, speed: p.start_speed, time: p.start_time };
-        self.nodes.push(Node { state: root, parent: NO_PARENT });
+        let key = self.key(&root);
+        self.memory.nodes.push(Node { state: root, parent: NO_PARENT, key });
 
         // line 1: a potentially unsafe trajectory to a partial goal
         let last = self.naive_search();
         // lines 2–9: proofs from its last state backwards, one closed list for all of them
-        let mut proven_closed = Closed::default();
+        self.memory.closed.clear();
         let mut proofs_tried = 0;
         let mut budget = self.resolution.expansions;
         let mut current = last;
         while current != NO_PARENT {
-            if self.can_stop_from(&self.nodes[current].state) {
+            if self.can_stop_from(&self.memory.nodes[current].state) {
                 proofs_tried += 1;
-                if let Some(safe) = self.search(current, Phase::Proof, &mut proven_closed, &mut budget) {
+                if let Some(safe) = self.prove_stop(current, &mut budget) {
                     return self.proven(safe, current, proofs_tried);
                 }
             }
-            current = self.nodes[current].parent;
+            current = self.memory.nodes[current].parent;
         }
         // line 10: exhaustive search from the root
         let mut budget = self.resolution.expansions;
-        match self.search(0, Phase::Proof, &mut Closed::default(), &mut budget) {
+        self.memory.closed.clear();
+        match self.prove_stop(0, &mut budget) {
             Some(safe) => self.proven(safe, 0, proofs_tried),
             None => SpeedOutcome::NoSafePlan { expansions: self.expansions, budget_spent: self.budget_spent },
         }
@@ -171,48 +196,65 @@ impl<'a> Search<'a> {
 
     /// Best-first search to the last station; the state that got nearest if none gets there.
     fn naive_search(&mut self) -> usize {
-        let mut closed = Closed::default();
-        let mut open = BinaryHeap::new();
         let mut budget = self.resolution.expansions;
         let mut deepest = 0;
-        open.push(Open { rank: self.rank(0, Phase::Naive), index: 0 });
-        while let Some(Open { index, .. }) = open.pop() {
-            let state = self.nodes[index].state;
-            if !closed.insert(self.key(&state)) {
-                continue;
-            }
-            if state.node > self.nodes[deepest].state.node {
+        self.begin(0, Phase::Naive);
+        self.memory.closed.clear();
+        while let Some(index) = self.next(Phase::Naive) {
+            let node = self.memory.nodes[index].state.node;
+            if node > self.memory.nodes[deepest].state.node {
                 deepest = index;
             }
-            if state.node == self.problem.cells() {
+            if node == self.problem.cells() {
                 return index;
             }
             if !self.charge(&mut budget) {
                 break;
             }
-            self.expand(index, Phase::Naive, &mut open);
+            self.expand(index, Phase::Naive);
         }
         deepest
     }
 
     /// Best-first search for a safe state below `from`.
-    fn search(&mut self, from: usize, phase: Phase, closed: &mut Closed, budget: &mut usize) -> Option<usize> {
-        let mut open = BinaryHeap::new();
-        open.push(Open { rank: self.rank(from, phase), index: from });
-        while let Some(Open { index, .. }) = open.pop() {
-            let state = self.nodes[index].state;
-            if !closed.insert(self.key(&state)) {
-                continue;
-            }
+    fn prove_stop(&mut self, from: usize, budget: &mut usize) -> Option<usize> {
+        self.begin(from, Phase::Proof);
+        while let Some(index) = self.next(Phase::Proof) {
+            let state = self.memory.nodes[index].state;
             if state.speed <= REST && self.problem.is_safe_rest(state.node, state.time) {
                 return Some(index);
             }
             if !self.charge(budget) {
                 return None;
             }
-            self.expand(index, phase, &mut open);
+            self.expand(index, Phase::Proof);
         }
         None
+    }
+
+    /// Makes `from` the only open state.
+    fn begin(&mut self, from: usize, phase: Phase) {
+        self.memory.open.clear();
+        let rank = rank(&self.memory.nodes[from].state, phase);
+        self.memory.open.push(Open { rank, index: from });
+    }
+
+    /// Takes the best open state that is neither closed nor lost, and closes it.
+    fn next(&mut self, phase: Phase) -> Option<usize> {
+        let braking = self.strongest(phase);
+        while let Some(Open { index, .. }) = self.memory.open.pop() {
+            let Node { state, key, .. } = &self.memory.nodes[index];
+            if self.memory.closed.insert(*key) && !self.outlook.is_lost(state, braking) {
+                return Some(index);
+            }
+        }
+        None
+    }
+
+    /// Hardest braking of a phase, m/s².
+    fn strongest(&self, phase: Phase) -> f64 {
+        let limits = &self.problem.limits;
+        if phase == Phase::Naive { limits.deceleration } else { limits.aggressive_deceleration }
     }
 
     fn charge(&mut self, budget: &mut usize) -> bool {
@@ -231,11 +273,11 @@ impl<'a> Search<'a> {
         state.speed * state.speed <= 2.0 * self.problem.limits.aggressive_deceleration * room + REST
     }
 
-    fn expand(&mut self, index: usize, phase: Phase, open: &mut BinaryHeap<Open>) {
-        let from = self.nodes[index].state;
+    fn expand(&mut self, index: usize, phase: Phase) {
+        let from = self.memory.nodes[index].state;
         let p = self.problem;
         if from.speed <= REST && self.time_matters {
-            self.wait(index, phase, open);
+            self.wait(index, phase);
         }
         if from.node >= p.cells() {
             return;
@@ -243,11 +285,11 @@ impl<'a> Search<'a> {
         let ds = p.stations[from.node + 1] - p.stations[from.node];
         let (v2, cap) = (from.speed * from.speed, p.caps[from.node + 1]);
         let limits = &p.limits;
-        let strongest = if phase == Phase::Naive { limits.deceleration } else { limits.aggressive_deceleration };
+        let strongest = self.strongest(phase);
         // A start above the cap may stay above it while it brakes as hard as this phase allows.
         let lowest = (v2 - 2.0 * strongest * ds).max(0.0).sqrt();
         let admissible = |v: f64| v <= cap.max(lowest);
-        let mut push = |this: &mut Self, speed: f64| this.push_edge(index, ds, speed, phase, open);
+        let push = |this: &mut Self, speed: f64| this.push_edge(index, ds, speed, phase);
 
         let faster = (v2 + 2.0 * limits.acceleration * ds).sqrt().min(cap);
         if faster > from.speed {
@@ -270,38 +312,34 @@ impl<'a> Search<'a> {
     }
 
     /// Waiting at rest: allowed where the pose stays free for the waiting time.
-    fn wait(&mut self, index: usize, phase: Phase, open: &mut BinaryHeap<Open>) {
-        let from = self.nodes[index].state;
+    fn wait(&mut self, index: usize, phase: Phase) {
+        let from = self.memory.nodes[index].state;
         let time = from.time + self.resolution.wait;
         if time <= self.problem.horizon && !self.problem.is_rest_blocked(from.node, from.time, time) {
-            self.push(Node { state: SpeedState { time, ..from }, parent: index }, phase, open);
+            self.push(SpeedState { time, ..from }, index, phase);
         }
     }
 
-    fn push_edge(&mut self, parent: usize, ds: f64, speed: f64, phase: Phase, open: &mut BinaryHeap<Open>) {
-        let from = self.nodes[parent].state;
+    fn push_edge(&mut self, parent: usize, ds: f64, speed: f64, phase: Phase) {
+        let from = self.memory.nodes[parent].state;
         let speed = if speed <= REST { 0.0 } else { speed };
         if from.speed + speed <= REST {
             return; // at rest and staying there: waiting is the action for that
         }
         let time = from.time + 2.0 * ds / (from.speed + speed);
         if !self.problem.is_blocked(from.node, from.time, time) {
-            self.push(Node { state: SpeedState { node: from.node + 1, speed, time }, parent }, phase, open);
+            self.push(SpeedState { node: from.node + 1, speed, time }, parent, phase);
         }
     }
 
-    fn push(&mut self, node: Node, phase: Phase, open: &mut BinaryHeap<Open>) {
-        let index = self.nodes.len();
-        self.nodes.push(node);
-        open.push(Open { rank: self.rank(index, phase), index });
-    }
-
-    fn rank(&self, index: usize, phase: Phase) -> [f64; 3] {
-        let s = &self.nodes[index].state;
-        match phase {
-            Phase::Naive => [-(s.node as f64), s.time, -s.speed],
-            Phase::Proof => [s.speed, s.time, -(s.node as f64)],
+    fn push(&mut self, state: SpeedState, parent: usize, phase: Phase) {
+        let key = self.key(&state);
+        if self.memory.closed.contains(&key) {
+            return;
         }
+        let index = self.memory.nodes.len();
+        self.memory.nodes.push(Node { state, parent, key });
+        self.memory.open.push(Open { rank: rank(&state, phase), index });
     }
 
     /// Packs station, speed bin and time bin: 16 + 24 + 24 bits.
@@ -324,12 +362,19 @@ impl<'a> Search<'a> {
             if index == proof_root {
                 proof_starts = states.len();
             }
-            states.push(self.nodes[index].state);
-            index = self.nodes[index].parent;
+            states.push(self.memory.nodes[index].state);
+            index = self.memory.nodes[index].parent;
         }
         proof_starts = states.len() - 1 - proof_starts;
         states.reverse();
         SpeedOutcome::Proven(SpeedPlan { states, proof_starts, proofs_tried, expansions: self.expansions })
+    }
+}
+
+fn rank(s: &SpeedState, phase: Phase) -> [f64; 3] {
+    match phase {
+        Phase::Naive => [-(s.node as f64), s.time, -s.speed],
+        Phase::Proof => [s.speed, s.time, -(s.node as f64)],
     }
 }
 

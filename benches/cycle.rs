@@ -1,0 +1,336 @@
+//! A planning cycle, its stages apart and together: a bent road of three lanes, 100 m of it with 30 cars that move and
+//! one that is parked, and more than a hundred candidate edges. What is timed is asserted first.
+//!
+//! `first_cycle` builds the kept edges, `steady_cycle` is one of the later ones of a run in which the vehicle follows its
+//! plan exactly. One thread unless `RAYON_NUM_THREADS` says otherwise.
+
+use std::collections::BTreeMap;
+
+use divan::{Bencher, black_box};
+use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
+use stopline::geometry::Pose;
+use stopline::geometry::polyline::Polyline;
+use stopline::lattice::{EdgeStore, Ground, LatticePath, Root, paths};
+use stopline::map::{
+    Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem,
+    RoadNetwork, Scenario, Shape, TimedPose,
+};
+use stopline::planner::{Cycle, Decision, Planner, Settings};
+use stopline::reference::{ReferenceLine, ReferenceSettings};
+use stopline::speed::{AccelerationLimits, Resolution, SpeedOutcome, SpeedProblem, plan, smoothing};
+use stopline::vehicle::{Actuators, Comfort, Limits, State, Tyres, Vehicle};
+
+fn main() {
+    // one thread, so that figures mean the same on every machine
+    let threads = std::env::var("RAYON_NUM_THREADS").ok().and_then(|n| n.parse().ok()).unwrap_or(1);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().expect("the first pool of this process");
+    divan::main();
+}
+
+/// Lanes from right to left.
+const LANES: [i64; 3] = [1, 2, 3];
+const LANE_WIDTH: f64 = 3.5;
+/// The lane that the vehicle is on.
+const OWN: i64 = 2;
+const SPEED: f64 = 12.0;
+/// End of the run, s.
+const ENDS: f64 = 10.0;
+
+/// Poses along the middle of the road, every 2 m.
+fn middle() -> Vec<Pose> {
+    let yaw = |s: f64| 0.6 + 0.25 * (s / 60.0).sin();
+    let mut pose = Pose::new(1e5, 2e5, yaw(0.0));
+    (0..200)
+        .map(|i| {
+            let here = pose;
+            pose = here.advanced(2.0);
+            pose.yaw = yaw(2.0 * f64::from(i + 1));
+            here
+        })
+        .collect()
+}
+
+/// The pose `s` metres along the middle of the road, `l` to the left of it.
+fn on_road(s: f64, l: f64) -> Pose {
+    let poses = middle();
+    let i = ((s / 2.0) as usize).min(poses.len() - 1);
+    let pose = poses[i].advanced(s - 2.0 * i as f64);
+    Pose { position: pose.position + pose.left() * l, yaw: pose.yaw }
+}
+
+fn network() -> RoadNetwork {
+    let line = |l: f64| Polyline::new(middle().iter().map(|p| p.position + p.left() * l)).unwrap();
+    let neighbour = |id: i64| LANES.contains(&id).then_some(Neighbour { id, same_direction: true });
+    let lanelet = |id: i64| {
+        let centre = (id - OWN) as f64 * LANE_WIDTH;
+        Lanelet {
+            id,
+            left: line(centre + 0.5 * LANE_WIDTH),
+            right: line(centre - 0.5 * LANE_WIDTH),
+            centre: line(centre),
+            successors: vec![],
+            predecessors: vec![],
+            adjacent_left: neighbour(id + 1),
+            adjacent_right: neighbour(id - 1),
+            speed_limit: Some(15.0),
+            stop_line: None,
+            signs: vec![],
+            lights: vec![],
+            types: vec!["urban".into()],
+        }
+    };
+    let lanelets: BTreeMap<i64, Lanelet> = LANES.iter().map(|id| (*id, lanelet(*id))).collect();
+    RoadNetwork { lanelets, ..RoadNetwork::default() }
+}
+
+/// 30 cars on the 100 m around and ahead of the vehicle, ten on each lane in a column, 7 to 11 m/s; one parked.
+fn scenario() -> Scenario {
+    let shape = Shape::rectangle(4.5, 1.8);
+    let columns = LANES.iter().flat_map(|lane| (0..10).map(move |i| (*lane, i)));
+    let driven = columns.map(|(lane, i)| {
+        let speed = 9.0 + 2.0 * (lane - OWN) as f64;
+        // on its own lane the vehicle has 25 m of room ahead
+        let from = if lane == OWN { 70.0 } else { 20.0 } + 10.0 * f64::from(i) + 3.0 * lane as f64;
+        let states = (0..=150).map(|k| {
+            let time = 0.1 * f64::from(k);
+            TimedPose { time, pose: on_road(from + speed * time, (lane - OWN) as f64 * LANE_WIDTH), speed }
+        });
+        (100 + 10 * lane + i64::from(i), Motion::Trajectory(states.collect()))
+    });
+    let parked = std::iter::once((1, Motion::Static(on_road(150.0, 1.7 * LANE_WIDTH))));
+    let obstacle = |(id, motion)| Obstacle { id, kind: ObstacleKind::Vehicle, shape: shape.clone(), motion };
+    Scenario {
+        id: "bench".into(),
+        version: "2020a".into(),
+        time_step: 0.1,
+        network: network(),
+        obstacles: driven.chain(parked).map(obstacle).collect(),
+        problems: vec![problem()],
+        issues: vec![],
+    }
+}
+
+fn problem() -> PlanningProblem {
+    let goal = Goal {
+        position: Some(GoalPosition::Shapes(Shape {
+            parts: vec![stopline::map::Part::Rectangle {
+                centre: on_road(300.0, 0.0),
+                length: 20.0,
+                width: LANE_WIDTH,
+            }],
+        })),
+        time: Interval { min: 0.0, max: 60.0 },
+        speed: None,
+        yaw: None,
+    };
+    let initial =
+        InitialState { centre: on_road(40.0, 0.0), speed: SPEED, acceleration: 0.0, yaw_rate: 0.0, time_step: 0 };
+    PlanningProblem { id: 1, initial, goals: vec![goal] }
+}
+
+fn initial(vehicle: &Vehicle) -> State {
+    let pose = vehicle.rear_axle_of_centre(&problem().initial.centre);
+    State { time: 0.0, pose, speed: SPEED, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+}
+
+/// What the stages need.
+struct Stages {
+    scenario: Scenario,
+    vehicle: Vehicle,
+    settings: Settings,
+    world: CollisionWorld,
+    reference: ReferenceLine,
+}
+
+impl Stages {
+    fn new() -> Self {
+        let (scenario, vehicle, settings) = (scenario(), vehicle(), Settings::default());
+        assert_eq!(scenario.obstacles.iter().filter(|o| !o.is_static()).count(), 30);
+        let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 15.0).unwrap();
+        let reference = ReferenceLine::new(&scenario.network, &[OWN], vehicle.width, &ReferenceSettings::default());
+        Self { world, reference: reference.unwrap(), scenario, vehicle, settings }
+    }
+
+    fn ground(&self) -> Ground<'_> {
+        Ground {
+            reference: &self.reference,
+            world: &self.world,
+            max_curvature: self.vehicle.max_curvature(),
+            half_width: 0.5 * self.vehicle.width,
+        }
+    }
+
+    fn root(&self) -> Root {
+        let pose = initial(&self.vehicle).pose;
+        Root { pose, curvature: 0.0, kept: vec![], start: pose, allowance: Allowance::NONE }
+    }
+
+    fn paths(&self, store: &mut EdgeStore) -> Vec<LatticePath> {
+        paths(&self.ground(), &self.root(), SPEED, 100.0, &self.settings.lattice, store)
+    }
+
+    /// The speed problem on the cheapest path, with plain caps.
+    fn speed_problem(&self) -> SpeedProblem {
+        let best = self.paths(&mut EdgeStore::default()).remove(0);
+        let sweeps: Vec<_> = best.sweeps.iter().map(AsRef::as_ref).collect();
+        let grid = self.world.blocked(&sweeps, 0.0, 15.0);
+        assert!(!grid.is_free(), "the way is free: nothing to search");
+        let intervals = |cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
+        SpeedProblem {
+            caps: vec![15.0; grid.cells() + 1],
+            blocked: (0..grid.cells()).map(intervals).collect(),
+            blocked_at_start: intervals(0),
+            rest_allowed: vec![true; grid.cells() + 1],
+            start_speed: SPEED,
+            start_time: 0.0,
+            horizon: 15.0,
+            limits: AccelerationLimits { acceleration: 1.5, deceleration: 1.5, aggressive_deceleration: 2.2 },
+            stations: grid.stations().to_vec(),
+        }
+    }
+}
+
+#[divan::bench]
+fn reference_line_400_m(bencher: Bencher) {
+    let stages = Stages::new();
+    let settings = ReferenceSettings::default();
+    bencher.bench_local(|| {
+        ReferenceLine::new(&stages.scenario.network, black_box(&[OWN]), stages.vehicle.width, &settings)
+    });
+}
+
+/// All edges are new.
+#[divan::bench]
+fn lattice_first(bencher: Bencher) {
+    let stages = Stages::new();
+    assert_eq!(stages.paths(&mut EdgeStore::default()).len(), stages.settings.lattice.candidates);
+    bencher.bench_local(|| stages.paths(&mut EdgeStore::default()));
+}
+
+/// Only the edges from the root are new.
+#[divan::bench]
+fn lattice_steady(bencher: Bencher) {
+    let stages = Stages::new();
+    let mut store = EdgeStore::default();
+    stages.paths(&mut store);
+    bencher.bench_local(|| stages.paths(&mut store));
+}
+
+/// One candidate's blocked grid.
+#[divan::bench]
+fn blocked_grid(bencher: Bencher) {
+    let stages = Stages::new();
+    let best = stages.paths(&mut EdgeStore::default()).remove(0);
+    let sweeps: Vec<_> = best.sweeps.iter().map(AsRef::as_ref).collect();
+    bencher.bench_local(|| stages.world.blocked(black_box(&sweeps), 0.0, 15.0));
+}
+
+/// One candidate's speed search.
+#[divan::bench]
+fn speed_search(bencher: Bencher) {
+    let problem = Stages::new().speed_problem();
+    let resolution = Resolution { expansions: Settings::default().expansions, ..Resolution::default() };
+    assert!(matches!(plan(&problem, &resolution), SpeedOutcome::Proven(_)));
+    bencher.bench_local(|| plan(black_box(&problem), &resolution));
+}
+
+/// Of the chosen candidate.
+#[divan::bench]
+fn smoothing_and_proof(bencher: Bencher) {
+    let problem = Stages::new().speed_problem();
+    let SpeedOutcome::Proven(found) = plan(&problem, &Resolution::default()) else { panic!("no plan") };
+    let searched = smoothing::unsmoothed(&problem, &found).unwrap();
+    let settings = smoothing::Settings::default();
+    bencher.bench_local(|| smoothing::smooth_and_prove(black_box(&problem), &searched, 0.0, &settings));
+}
+
+/// Scenario and routes are there; collision worlds and reference lines are built before the clock starts.
+#[divan::bench(sample_size = 1)]
+fn first_cycle(bencher: Bencher) {
+    let stages = Stages::new();
+    let problem = &stages.scenario.problems[0];
+    let state = initial(&stages.vehicle);
+    bencher
+        .with_inputs(|| Planner::new(&stages.scenario, problem, &stages.vehicle, &stages.settings, ENDS).unwrap())
+        .bench_local_refs(|planner| planner.cycle(&state));
+}
+
+/// Cycles of a run, each beginning where the plan before says the vehicle is.
+#[divan::bench(sample_size = 1, sample_count = 30)]
+fn steady_cycle(bencher: Bencher) {
+    let stages = Stages::new();
+    let problem = &stages.scenario.problems[0];
+    let mut planner = Planner::new(&stages.scenario, problem, &stages.vehicle, &stages.settings, ENDS).unwrap();
+    let first = planner.cycle(&initial(&stages.vehicle));
+    assert!(matches!(first.decision, Decision::NewPlan { .. }), "no plan");
+    assert!(first.candidates.len() > 10);
+    let mut last = first;
+    bencher.bench_local(|| {
+        last = planner.cycle(&after(&last, 0.1, &stages.vehicle));
+    });
+}
+
+/// Where the vehicle is when it has followed the plan for `interval` seconds.
+fn after(cycle: &Cycle, interval: f64, vehicle: &Vehicle) -> State {
+    let time = cycle.time + interval;
+    let point = cycle.committed.at(time);
+    State {
+        time,
+        pose: point.pose,
+        speed: point.speed,
+        acceleration: point.acceleration,
+        yaw_rate: point.speed * point.curvature,
+        steering: vehicle.steering_for_curvature(point.curvature),
+    }
+}
+
+/// The published dimensions of the BMW 320i, with the paper's comfort limits.
+fn vehicle() -> Vehicle {
+    Vehicle {
+        name: "bmw_320i".into(),
+        commonroad_type: Some(2),
+        length: 4.508,
+        width: 1.61,
+        wheelbase: 2.5789,
+        rear_axle_to_centre: 1.4227,
+        rear_axle_to_mass: 1.4227,
+        mass_height: 0.5,
+        track_width: 1.5,
+        mass: 1093.0,
+        yaw_inertia: 1791.0,
+        wheel_radius: 0.3,
+        wheel_inertia: 1.0,
+        limits: Limits {
+            steering: 1.066,
+            steering_rate: 0.4,
+            steering_acceleration: 20.0,
+            speed: 50.8,
+            acceleration: 11.5,
+            switching_speed: 7.3,
+            deceleration: 11.5,
+        },
+        tyres: Tyres {
+            friction: 1.0,
+            cornering_front: 20.0,
+            cornering_rear: 20.0,
+            longitudinal: 20.0,
+            relaxation_length: 0.3,
+            rolling_resistance: 0.01,
+            drag: 0.4,
+        },
+        actuators: Actuators {
+            drive_lag: 0.2,
+            brake_lag: 0.1,
+            steering_lag: 0.1,
+            drive_front_share: 0.0,
+            brake_front_share: 0.6,
+        },
+        comfort: Comfort {
+            acceleration: 1.5,
+            deceleration: 1.5,
+            aggressive_deceleration: 2.2,
+            lateral_acceleration: 1.8,
+            jerk: 2.0,
+        },
+    }
+}
