@@ -192,11 +192,15 @@ impl Chains {
         let first = *stations.first()?;
         let mut chains = Self { labels: Vec::new(), ends: Vec::new() };
         let offsets = offsets(settings);
-        let root_edges = |station| {
-            let edges = edges::from_root(ground, root, station, &offsets, settings);
+        let root_edges = |store: &mut EdgeStore, station| {
+            // who starts off the road, or inside a margin, may pass over nodes that are off it
+            let all = vec![true; offsets.len()];
+            let on_road = root.allowance == Allowance::NONE;
+            let nodes = if on_road { store.nodes(ground, station, &offsets, settings) } else { &all };
+            let edges = edges::from_root(ground, root, station, nodes, &offsets, settings);
             edges.into_iter().map(|e| (None, Arc::new(e)))
         };
-        let mut layer = chains.extend(root_edges(first), offsets.len());
+        let mut layer = chains.extend(root_edges(store, first), offsets.len());
         for (i, pair) in stations.windows(2).enumerate() {
             let reached: Vec<(usize, usize)> =
                 layer.iter().enumerate().filter_map(|(offset, label)| Some((offset, (*label)?))).collect();
@@ -208,7 +212,7 @@ impl Chains {
             }
             // long edges straight from the root: a gentle change of lanes takes more than one stride
             if i + 1 < settings.root_layers {
-                tries.extend(root_edges(pair[1]));
+                tries.extend(root_edges(store, pair[1]));
             }
             layer = chains.extend(tries.into_iter(), offsets.len());
         }
