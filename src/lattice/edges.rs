@@ -54,13 +54,7 @@ pub struct EdgeStore {
 impl EdgeStore {
     /// Which nodes of a layer edges may lead to: those at which the vehicle, margins included, is on the road. All, if
     /// none is.
-    pub(super) fn nodes(
-        &mut self,
-        ground: &Ground<'_>,
-        station: i64,
-        offsets: &[f64],
-        settings: &Settings,
-    ) -> &[bool] {
+    pub(super) fn nodes(&mut self, ground: &Ground<'_>, station: i64, offsets: &[f64], settings: &Settings) -> &[bool] {
         self.nodes.entry(station).or_insert_with(|| {
             let s = station as f64 * settings.grid;
             let on_road = |offset: &f64| {
