@@ -46,10 +46,28 @@ type LayerEdges = Vec<Option<Vec<Arc<Edge>>>>;
 #[derive(Debug, Clone, Default)]
 pub struct EdgeStore {
     layers: HashMap<LayerPair, LayerEdges>,
+    /// For each station index, which offsets are worth going to.
+    nodes: HashMap<i64, Vec<bool>>,
     pub(super) answers: Answers,
 }
 
 impl EdgeStore {
+    /// Which nodes of a layer edges may lead to: those at which the vehicle, margins included, is on the road. All, if
+    /// none is.
+    pub(super) fn nodes(&mut self, ground: &Ground<'_>, station: i64, offsets: &[f64], settings: &Settings) -> &[bool] {
+        self.nodes.entry(station).or_insert_with(|| {
+            let s = station as f64 * settings.grid;
+            let on_road = |offset: &f64| {
+                ground.reference.offset_pose(s, *offset).is_some_and(|node| {
+                    let here = ground.world.sweep(&node.pose, &CubicSpiral::straight(NODE_LENGTH));
+                    ground.world.static_hit(&here).is_none_or(|hit| hit.what != Blocker::RoadBoundary)
+                })
+            };
+            let nodes: Vec<bool> = offsets.iter().map(on_road).collect();
+            if nodes.contains(&true) { nodes } else { vec![true; offsets.len()] }
+        })
+    }
+
     /// Edges between two layers by the offset they start at, made for (at least) the `starts` given, each in order of
     /// the offset they end at.
     pub(super) fn between(
@@ -60,13 +78,14 @@ impl EdgeStore {
         offsets: &[f64],
         settings: &Settings,
     ) -> &[Option<Vec<Arc<Edge>>>] {
+        let ends = self.nodes(ground, to, offsets, settings).to_vec();
         let layer = self.layers.entry((from, to)).or_insert_with(|| vec![None; offsets.len()]);
         let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
         let pairs: Vec<(usize, usize)> = starts
             .iter()
             .filter(|i| layer[**i].is_none())
             .flat_map(|&i| (0..offsets.len()).map(move |j| (i, j)))
-            .filter(|&(i, j)| (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
+            .filter(|&(i, j)| ends[j] && (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
             .collect();
         let made: Vec<Option<Arc<Edge>>> = pairs
             .par_iter()
@@ -81,6 +100,9 @@ impl EdgeStore {
                 Some(Arc::new(placed.checked(ground, Some(i), j, offsets[j], settings)))
             })
             .collect();
+        for i in starts {
+            layer[*i].get_or_insert_with(Vec::new);
+        }
         for ((i, _), edge) in pairs.into_iter().zip(made) {
             layer[i].get_or_insert_with(Vec::new).extend(edge);
         }
@@ -88,11 +110,15 @@ impl EdgeStore {
     }
 }
 
-/// Edges from the root to every offset of the first layer.
+/// Length of the sweep that stands for a node, m.
+const NODE_LENGTH: f64 = 0.05;
+
+/// Edges from the root to the nodes of a layer.
 pub(super) fn from_root(
     ground: &Ground<'_>,
     root: &Root,
     station: i64,
+    nodes: &[bool],
     offsets: &[f64],
     settings: &Settings,
 ) -> Vec<Edge> {
@@ -100,6 +126,7 @@ pub(super) fn from_root(
     let station = station as f64 * settings.grid;
     (0..offsets.len())
         .into_par_iter()
+        .filter(|j| nodes[*j])
         .filter_map(|j| {
             let end = ground.reference.offset_pose(station, offsets[j])?;
             let spiral = bounded(&root.pose, root.curvature, &end, ground.max_curvature)?;

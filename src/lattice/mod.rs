@@ -192,11 +192,15 @@ impl Chains {
         let first = *stations.first()?;
         let mut chains = Self { labels: Vec::new(), ends: Vec::new() };
         let offsets = offsets(settings);
-        let root_edges = |station| {
-            let edges = edges::from_root(ground, root, station, &offsets, settings);
+        let root_edges = |store: &mut EdgeStore, station| {
+            // who starts off the road, or inside a margin, may pass over nodes that are off it
+            let all = vec![true; offsets.len()];
+            let on_road = root.allowance == Allowance::NONE;
+            let nodes = if on_road { store.nodes(ground, station, &offsets, settings) } else { &all };
+            let edges = edges::from_root(ground, root, station, nodes, &offsets, settings);
             edges.into_iter().map(|e| (None, Arc::new(e)))
         };
-        let mut layer = chains.extend(root_edges(first), offsets.len());
+        let mut layer = chains.extend(root_edges(store, first), offsets.len());
         for (i, pair) in stations.windows(2).enumerate() {
             let reached: Vec<(usize, usize)> =
                 layer.iter().enumerate().filter_map(|(offset, label)| Some((offset, (*label)?))).collect();
@@ -208,7 +212,7 @@ impl Chains {
             }
             // long edges straight from the root: a gentle change of lanes takes more than one stride
             if i + 1 < settings.root_layers {
-                tries.extend(root_edges(pair[1]));
+                tries.extend(root_edges(store, pair[1]));
             }
             layer = chains.extend(tries.into_iter(), offsets.len());
         }
@@ -320,4 +324,86 @@ fn offsets(settings: &Settings) -> Vec<f64> {
     #[allow(clippy::cast_possible_truncation)] // a few dozen
     let count = (settings.offset_limit / settings.offset_spacing).floor() as i64;
     (-count..=count).map(|i| i as f64 * settings.offset_spacing).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collision::CollisionSettings;
+    use crate::map::{Motion, Obstacle, ObstacleKind, Scenario, Shape};
+    use crate::reference::ReferenceSettings;
+
+    /// A car parked ahead on a straight road.
+    fn scenario() -> Scenario {
+        let network = crate::route::tests::two_lane_road(2);
+        let lanelet = network.lanelets.values().next().unwrap();
+        let parked = Pose { position: lanelet.centre.at(30.0), yaw: 0.0 };
+        let obstacle = Obstacle {
+            id: 7,
+            kind: ObstacleKind::ParkedVehicle,
+            shape: Shape::rectangle(4.5, 1.8),
+            motion: Motion::Static(parked),
+        };
+        Scenario {
+            id: "test".into(),
+            version: "2020a".into(),
+            time_step: 0.1,
+            network,
+            obstacles: vec![obstacle],
+            problems: vec![],
+            issues: vec![],
+        }
+    }
+
+    fn with_ground(test: impl FnOnce(&Ground<'_>)) {
+        let scenario = scenario();
+        let vehicle = crate::vehicle::load("bmw_320i").unwrap();
+        let lane: Vec<i64> = scenario.network.lanelets.keys().copied().filter(|id| *id < 200).collect();
+        let settings = ReferenceSettings::default();
+        let reference = ReferenceLine::new(&scenario.network, &lane, vehicle.width, &settings).unwrap();
+        let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
+        let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
+        test(&Ground { reference: &reference, world: &world, max_curvature, half_width });
+    }
+
+    fn root(ground: &Ground<'_>, station: f64, offset: f64) -> Root {
+        let pose = ground.reference.offset_pose(station, offset).unwrap().pose;
+        Root { pose, curvature: 0.0, kept: vec![], start: pose, allowance: Allowance::NONE }
+    }
+
+    fn summary(paths: &[LatticePath]) -> Vec<(Path, f64, CostTerms, Option<Blocker>)> {
+        paths.iter().map(|p| (p.path.clone(), p.free_length, p.terms, p.blocked_by)).collect()
+    }
+
+    #[test]
+    fn what_a_store_was_asked_before_does_not_change_its_answers() {
+        with_ground(|ground| {
+            let settings = Settings::default();
+            let mut used = EdgeStore::default();
+            // from the side, other nodes are reached first
+            for (station, offset) in [(5.0, 1.0), (5.5, -0.5), (5.0, 1.0), (6.0, 0.3), (5.0, 0.0)] {
+                let root = root(ground, station, offset);
+                let asked = paths(ground, &root, 5.0, 40.0, &settings, &mut used);
+                let fresh = paths(ground, &root, 5.0, 40.0, &settings, &mut EdgeStore::default());
+                assert!(!fresh.is_empty());
+                assert_eq!(summary(&asked), summary(&fresh));
+                let again = paths(ground, &root, 5.0, 40.0, &settings, &mut used);
+                assert_eq!(summary(&again), summary(&fresh));
+            }
+        });
+    }
+
+    #[test]
+    fn the_parked_car_is_passed_or_stopped_at_and_no_path_ends_off_the_road() {
+        with_ground(|ground| {
+            let found =
+                paths(ground, &root(ground, 5.0, 0.0), 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
+            assert!(found.iter().any(|p| p.blocked_by.is_none()), "nothing passes");
+            assert!(found.windows(2).all(|w| w[0].terms.total() <= w[1].terms.total()));
+            for path in found.iter().filter(|p| p.blocked_by.is_none()) {
+                let end = path.path.at(path.path.length()).pose;
+                assert_eq!(ground.world.start_overlap(&end, 0.0), None);
+            }
+        });
+    }
 }

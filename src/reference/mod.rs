@@ -18,7 +18,7 @@ use thiserror::Error;
 
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::PathPoint;
-use crate::geometry::{Point, Pose, Vector};
+use crate::geometry::{Point, Pose, Vector, cross};
 use crate::map::{Lanelet, LaneletId, RoadNetwork};
 use smooth::Freedom;
 use spline::Spline;
@@ -241,14 +241,14 @@ impl ReferenceLine {
     /// The foot point near a knot: root of (q − P(s))·T(s), which falls with slope −(1 − κl) on this side of the
     /// evolute, by Newton's method kept inside a bracket.
     fn refine(&self, local: Point, knot: usize) -> Frenet {
-        /// Station steps below this are no progress, m.
-        const TOLERANCE: f64 = 1e-12;
+        /// After a step as short as this, m, the error is its square times a curvature: nothing.
+        const TOLERANCE: f64 = 1e-8;
         const MAX_ITERATIONS: usize = 60;
         let residual = |s: f64| {
-            let on_line = self.curve.at(s);
-            let away = local - on_line.pose.position;
-            let l = away.dot(&on_line.pose.left());
-            (away.dot(&on_line.pose.forward()), 1.0 - on_line.curvature * l, l)
+            let on_line = self.curve.frame(s);
+            let away = local - on_line.position;
+            let l = cross(on_line.tangent, away);
+            (away.dot(&on_line.tangent), 1.0 - on_line.curvature * l, l)
         };
         let last = self.knots.len() - 1;
         let mut low = if knot == 0 { -self.extension } else { self.knots[knot - 1].station };
@@ -273,7 +273,7 @@ impl ReferenceLine {
             };
             let moved = (next - s).abs();
             s = next;
-            if moved <= TOLERANCE * (1.0 + s.abs()) {
+            if moved <= TOLERANCE {
                 break;
             }
         }

@@ -16,6 +16,14 @@ pub(super) struct Spline {
     length: f64,
 }
 
+/// Position, unit tangent and curvature of the curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TangentFrame {
+    pub(super) position: Point,
+    pub(super) tangent: Vector,
+    pub(super) curvature: f64,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Segment {
     /// Arc length at the start, m.
@@ -62,6 +70,18 @@ impl Spline {
     /// Arc length at each of the points it runs through.
     pub(super) fn stations(&self) -> impl Iterator<Item = f64> + '_ {
         self.segments.iter().map(|s| s.station).chain(std::iter::once(self.length))
+    }
+
+    /// The same as [`Self::at`] without angles, for searches.
+    pub(super) fn frame(&self, s: f64) -> TangentFrame {
+        let inside = s.clamp(0.0, self.length);
+        let i = self.segments.partition_point(|g| g.station <= inside).max(1) - 1;
+        let mut frame = self.segments[i].frame(inside - self.segments[i].station);
+        if s != inside {
+            frame.position += frame.tangent * (s - inside);
+            frame.curvature = 0.0;
+        }
+        frame
     }
 
     /// Position and curvature at arc length `s`; straight beyond the ends.
@@ -142,6 +162,20 @@ impl Segment {
     fn second(&self, t: f64) -> Vector {
         let [_, _, c, d] = self.position;
         c * 2.0 + d * (6.0 * t)
+    }
+
+    fn frame(&self, s: f64) -> TangentFrame {
+        let u = s / self.length;
+        let t = self.parameter.iter().rev().fold(0.0, |sum, c| sum * u + c);
+        let [a, b, c, d] = self.position;
+        let (first, second) = (self.first(t), self.second(t));
+        let square = first.norm_squared();
+        let speed = square.sqrt();
+        TangentFrame {
+            position: Point::from(a + (b + (c + d * t) * t) * t),
+            tangent: first / speed,
+            curvature: cross(first, second) / (square * speed),
+        }
     }
 
     fn at(&self, s: f64) -> PathPoint {

@@ -70,3 +70,80 @@ impl<'a> Outlook<'a> {
         false
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_support::empty_road;
+    use super::*;
+    use proptest::prelude::*;
+
+    /// An obstacle of 9 m (both vehicles' lengths) that drives ahead, its rear at `gap` metres now.
+    fn behind(speed: f64, gap: f64, lead_speed: f64) -> SpeedProblem {
+        let mut p = empty_road(100.0, speed);
+        for cell in 0..p.cells() {
+            let at = p.stations[cell];
+            let (front, rear) = ((at - gap - 9.0) / lead_speed, (at - gap) / lead_speed);
+            if rear > 0.0 {
+                p.blocked[cell] = vec![(front.max(0.0), rear)];
+            }
+        }
+        p
+    }
+
+    fn start(problem: &SpeedProblem) -> SpeedState {
+        SpeedState { node: 0, speed: problem.start_speed, time: 0.0 }
+    }
+
+    #[test]
+    fn braking_to_the_speed_of_the_one_ahead_decides() {
+        // 6 m/s too fast, 1.5 m/s²: 12 m are needed
+        let too_close = behind(12.0, 11.0, 6.0);
+        assert!(Outlook::new(&too_close).is_lost(&start(&too_close), 1.5));
+        let enough = behind(12.0, 13.0, 6.0);
+        assert!(!Outlook::new(&enough).is_lost(&start(&enough), 1.5));
+        assert!(!Outlook::new(&too_close).is_lost(&start(&too_close), 2.2), "harder braking is enough");
+    }
+
+    #[test]
+    fn a_state_at_rest_or_on_a_free_road_is_not_lost() {
+        let p = behind(0.0, 1.0, 0.5);
+        assert!(!Outlook::new(&p).is_lost(&start(&p), 1.5));
+        let free = empty_road(10.0, 15.0);
+        assert!(!Outlook::new(&free).is_lost(&start(&free), 1.5));
+    }
+
+    /// Whether any sequence of actions comes to rest or to the end without touching anything on the way.
+    fn comes_through(p: &SpeedProblem, s: SpeedState, deceleration: f64) -> bool {
+        if s.node == p.cells() || s.speed <= 0.0 {
+            return true;
+        }
+        let ds = p.stations[s.node + 1] - p.stations[s.node];
+        [p.limits.acceleration, 0.0, -deceleration].iter().any(|a| {
+            let speed = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(p.caps[s.node + 1]);
+            let time = s.time + 2.0 * ds / (s.speed + speed);
+            !p.is_blocked(s.node, s.time, time)
+                && comes_through(p, SpeedState { node: s.node + 1, speed, time }, deceleration)
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(3000))]
+
+        #[test]
+        fn no_way_leads_on_from_a_lost_state(
+            speed in 0.5..8.0f64,
+            blocks in prop::collection::vec((0..10usize, 0.0..4.0f64, 0.05..3.0f64), 0..10),
+            deceleration in 0.5..4.0f64,
+        ) {
+            let mut p = empty_road(5.0, speed);
+            for (cell, from, length) in blocks {
+                if p.blocked[cell].last().is_none_or(|b| b.1 < from) {
+                    p.blocked[cell].push((from, from + length));
+                }
+            }
+            if Outlook::new(&p).is_lost(&start(&p), deceleration) {
+                prop_assert!(!comes_through(&p, start(&p), deceleration));
+            }
+        }
+    }
+}

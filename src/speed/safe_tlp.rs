@@ -200,7 +200,7 @@ impl<'a> Search<'a> {
         let mut deepest = 0;
         self.begin(0, Phase::Naive);
         self.memory.closed.clear();
-        while let Some(index) = self.next(Phase::Naive) {
+        while let Some(index) = self.next(Phase::Naive, &mut budget) {
             let node = self.memory.nodes[index].state.node;
             if node > self.memory.nodes[deepest].state.node {
                 deepest = index;
@@ -219,7 +219,7 @@ impl<'a> Search<'a> {
     /// Best-first search for a safe state below `from`.
     fn prove_stop(&mut self, from: usize, budget: &mut usize) -> Option<usize> {
         self.begin(from, Phase::Proof);
-        while let Some(index) = self.next(Phase::Proof) {
+        while let Some(index) = self.next(Phase::Proof, budget) {
             let state = self.memory.nodes[index].state;
             if state.speed <= REST && self.problem.is_safe_rest(state.node, state.time) {
                 return Some(index);
@@ -239,13 +239,20 @@ impl<'a> Search<'a> {
         self.memory.open.push(Open { rank, index: from });
     }
 
-    /// Takes the best open state that is neither closed nor lost, and closes it.
-    fn next(&mut self, phase: Phase) -> Option<usize> {
+    /// Takes the best open state that is neither closed nor lost, and closes it. Lost states count as expanded: to see
+    /// that they are takes about as long.
+    fn next(&mut self, phase: Phase, budget: &mut usize) -> Option<usize> {
         let braking = self.strongest(phase);
         while let Some(Open { index, .. }) = self.memory.open.pop() {
             let Node { state, key, .. } = &self.memory.nodes[index];
-            if self.memory.closed.insert(*key) && !self.outlook.is_lost(state, braking) {
+            if !self.memory.closed.insert(*key) {
+                continue;
+            }
+            if !self.outlook.is_lost(state, braking) {
                 return Some(index);
+            }
+            if !self.charge(budget) {
+                break;
             }
         }
         None
