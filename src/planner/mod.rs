@@ -398,7 +398,7 @@ impl<'a> Planner<'a> {
             goal_missed_at: lane.goal_missed_at,
             station: lane.reference.project(start.point.pose.position).s,
             time: start.point.time,
-            speed: start.point.speed,
+            speed: if start.point.speed < AT_REST { 0.0 } else { start.point.speed },
             cruise: self.cruise * rung.speed_factor,
             acceleration: rung.acceleration,
             braking: rung.braking,
@@ -482,6 +482,8 @@ const SHORT_GAP: f64 = 0.15;
 const HARDEST_BRAKING: f64 = 8.0;
 /// Lateral acceleration of emergency paths, m/s²: well inside dry friction, with braking on top.
 const EMERGENCY_LATERAL: f64 = 5.0;
+/// Slower than this is at rest, m/s: edges at such speeds would last for minutes.
+const AT_REST: f64 = 0.02;
 /// Lateral distance from a reference line within which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
 /// Distance to rest within which a stop counts as the final approach, m.

@@ -106,6 +106,9 @@ pub fn smooth(
     let h = settings.step;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of steps
     let n = ((searched.duration() + settings.extra_time) / h).ceil() as usize;
+    if n > MOST_STEPS {
+        return None;
+    }
     let layout = Layout { n };
     let mut qp = QuadraticProgram::new(layout.variables());
     add_objective(&mut qp, &layout, searched, settings);
@@ -117,6 +120,10 @@ pub fn smooth(
     }
     profile_of(&layout, &solution.x, searched, start_acceleration, h)
 }
+
+/// Plans of more steps than this (40 s of the default step) wait for something far off and will be planned again long
+/// before they are driven: not worth a large program.
+const MOST_STEPS: usize = 200;
 
 /// Weight of a speed over its cap, in s²/m² and s/m.
 const OVER_CAP_WEIGHT: f64 = 100.0;
