@@ -238,7 +238,7 @@ impl Placed<'_> {
         for (along, point) in self.spiral.samples(&self.start, SAMPLES).skip(1) {
             let about = begins + (ends - begins) * along / self.spiral.length;
             let Frenet { s, l } = ground.reference.project_near(point.pose.position, about);
-            terms.offset += w.offset * way * l * l;
+            terms.offset += w.offset * way * l.abs().min(OFFSET_SATURATES).powi(2);
             let (left, right) = ground.reference.lane_bounds(s);
             let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);
             terms.lane += w.lane * way * over;
@@ -250,5 +250,7 @@ impl Placed<'_> {
     }
 }
 
+/// Offsets beyond this cost no more (m): on the way from another lane they say nothing about the path.
+const OFFSET_SATURATES: f64 = 2.0;
 /// The road's edge costs like an obstacle that is this much farther away (m): lanes are narrow by design.
 const ROAD_IS_KINDER: f64 = 0.5;

@@ -49,7 +49,10 @@ pub(super) struct Proven {
     pub(super) problem: SpeedProblem,
     /// The caps with the reserve.
     pub(super) guide_caps: Vec<f64>,
+    /// The searched profile; it ends at the first safe rest that would be followed by a long wait.
     pub(super) searched: SpeedProfile,
+    /// Station that the whole searched plan has reached after [`DELAY_HORIZON`], m.
+    pub(super) progress: f64,
     pub(super) plan: SpeedPlan,
     /// Cells blocked on the path, for pictures.
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
@@ -78,15 +81,20 @@ impl Situation<'_> {
                 let code = if budget_spent { "no_proof_in_budget" } else { "no_proof" };
                 Evaluation::Rejected { code, expansions }
             }
-            SpeedOutcome::Proven(plan) => match smoothing::unsmoothed(&problem, &plan) {
-                Some(searched) => {
-                    let caps = self.hard_caps(path, &problem.stations);
-                    let guide_caps = std::mem::replace(&mut problem.caps, caps);
-                    let problem = SpeedProblem { blocked: as_blocked, ..problem };
-                    Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, plan, blocked }))
+            SpeedOutcome::Proven(mut plan) => {
+                let expansions = plan.expansions;
+                let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
+                plan.end_at_long_wait(&problem, LONG_WAIT);
+                let caps = self.hard_caps(path, &problem.stations);
+                let guide_caps = std::mem::replace(&mut problem.caps, caps);
+                let problem = SpeedProblem { blocked: as_blocked, ..problem };
+                match smoothing::unsmoothed(&problem, &plan).zip(progress) {
+                    Some((searched, progress)) => {
+                        Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, progress, plan, blocked }))
+                    }
+                    None => Evaluation::Rejected { code: "no_profile", expansions },
                 }
-                None => Evaluation::Rejected { code: "no_profile", expansions: plan.expansions },
-            },
+            }
         }
     }
 
@@ -246,6 +254,8 @@ impl Situation<'_> {
     }
 }
 
+/// A wait at a safe rest that ends a plan, s: what comes after is planned when its time has come.
+const LONG_WAIT: f64 = 2.0;
 /// A stop this far behind the vehicle is given up, m.
 const MISSED: f64 = 10.0;
 /// How far ahead falling behind free driving is counted, s.

@@ -20,7 +20,7 @@ pub use settings::{EmergencyLimits, Settings};
 
 use std::time::Instant;
 
-use self::candidate::{DELAY_HORIZON, Evaluation, Proven, Situation};
+use self::candidate::{Evaluation, Proven, Situation};
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
@@ -311,8 +311,12 @@ impl<'a> Planner<'a> {
             half_width: 0.5 * self.vehicle.width,
         };
         // a lane change that the goal needs gets dearer to put off as its time runs out
-        let left = lane.goal_deadline - start.point.time;
-        let urgency = 1.0 + ((URGENT - left) / URGENCY_STEP).max(0.0);
+        let time_left = lane.goal_deadline - start.point.time;
+        let here = lane.reference.project(start.point.pose.position).s;
+        let way_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
+        let urgency = 1.0
+            + ((URGENT_TIME - time_left) / URGENCY_TIME_STEP).max(0.0)
+            + ((URGENT_WAY - way_left) / URGENCY_WAY_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[rung.world];
@@ -366,8 +370,7 @@ impl<'a> Planner<'a> {
                     }
                     Evaluation::Proven(proven) => {
                         record.expansions += proven.plan.expansions;
-                        let progress = proven.searched.at(DELAY_HORIZON).station;
-                        note.terms.delay = self.settings.lattice.weights.delay * (free - progress).max(0.0);
+                        note.terms.delay = self.settings.lattice.weights.delay * (free - proven.progress).max(0.0);
                         note.cost = note.terms.total();
                         if best.as_ref().is_none_or(|b| note.cost < b.cost) {
                             *best = Some(Choice {
@@ -471,9 +474,13 @@ const CURVATURE_SHARE: f64 = 0.95;
 /// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
 const LATERAL_HEADROOM: f64 = 0.9;
 /// Time to the goal's deadline below which lane changes get urgent, s.
-const URGENT: f64 = 8.0;
+const URGENT_TIME: f64 = 8.0;
 /// Time by which the price of a lane change rises once, s.
-const URGENCY_STEP: f64 = 2.0;
+const URGENCY_TIME_STEP: f64 = 2.0;
+/// Way to where the goal would be missed below which lane changes get urgent, m.
+const URGENT_WAY: f64 = 80.0;
+/// Way by which the price of a lane change rises once, m.
+const URGENCY_WAY_STEP: f64 = 20.0;
 /// Share of an emergency's deceleration that its nominal braking uses; the proofs have the rest.
 const NOMINAL_SHARE: f64 = 0.75;
 /// Time gap where the wanted one proves nothing, s: room for the smoothing.

@@ -42,6 +42,25 @@ pub struct SpeedPlan {
     pub expansions: usize,
 }
 
+impl SpeedPlan {
+    /// Ends the plan at the first safe rest that it would wait at for `wait` seconds or more. A prefix that ends at a safe
+    /// rest is a proven plan as well.
+    pub fn end_at_long_wait(&mut self, problem: &SpeedProblem, wait: f64) {
+        let leaves = |i: usize| {
+            let node = self.states[i].node;
+            self.states[i..].iter().take_while(|s| s.node == node).last().map_or(0.0, |s| s.time)
+        };
+        let end = (0..self.states.len()).find(|&i| {
+            let s = &self.states[i];
+            s.speed <= REST && leaves(i) - s.time >= wait && problem.is_safe_rest(s.node, s.time)
+        });
+        if let Some(end) = end {
+            self.states.truncate(end + 1);
+            self.proof_starts = self.proof_starts.min(end);
+        }
+    }
+}
+
 /// What the search found. Finding nothing is a result, not an error.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SpeedOutcome {
@@ -441,6 +460,20 @@ mod tests {
         assert!(problem.stations[last.node] > 39.0, "never crossed: {last:?}");
         let enters = plan.states.iter().find(|s| s.node == 31).unwrap();
         assert!(enters.time > 8.0, "entered at {}", enters.time);
+    }
+
+    #[test]
+    fn a_plan_cut_at_a_long_wait_is_still_proven() {
+        let mut problem = empty_road(40.0, 5.0);
+        for cell in 30..36 {
+            problem.blocked[cell] = vec![(0.0, 20.0)];
+        }
+        let mut cut = proven(&problem);
+        let whole = cut.states.len();
+        cut.end_at_long_wait(&problem, 2.0);
+        assert!(cut.states.len() < whole, "no long wait in {:?}", cut.states);
+        assert_eq!(cut.states.last().unwrap().speed, 0.0);
+        assert_eq!(prove(&problem, &smoothing::unsmoothed(&problem, &cut).unwrap()), Ok(()));
     }
 
     #[test]
