@@ -160,9 +160,8 @@ impl Situation<'_> {
             return None;
         }
         let cells = stations.len() - 1;
-        let blocked: Vec<Vec<TimeInterval>> = (0..cells)
-            .map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect())
-            .collect();
+        let blocked: Vec<Vec<TimeInterval>> =
+            (0..cells).map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect()).collect();
         let blocked_at_start =
             grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
         let caps = self.caps(path, &stations, planned_stop);
