@@ -23,6 +23,7 @@
 
 mod model;
 
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 
 use nalgebra::{Matrix2, Matrix2x5, Matrix5, Vector2, Vector5};
@@ -305,6 +306,8 @@ pub fn to_xml(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle,
     let mut xml = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
     // Writing to a String cannot fail.
     let _ = writeln!(xml, "<CommonRoadSolution benchmark_id=\"{}\">", escaped(&id));
+    // Headings stay continuous and start with the problem's own, less whole turns that the format does not allow.
+    let turns = fit.states.first().map_or(0.0, |s| (s.centre.yaw / TAU).trunc() * TAU);
     let _ = writeln!(xml, "  <ksTrajectory planningProblem=\"{}\">", problem.id);
     for s in &fit.states {
         let Pose { position, yaw } = s.centre;
@@ -316,7 +319,7 @@ pub fn to_xml(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle,
             position.y,
             s.steering,
             s.speed,
-            wrap_angle(yaw),
+            yaw - turns,
             s.time_step
         );
     }

@@ -160,9 +160,8 @@ impl Situation<'_> {
             return None;
         }
         let cells = stations.len() - 1;
-        let blocked: Vec<Vec<TimeInterval>> = (0..cells)
-            .map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect())
-            .collect();
+        let blocked: Vec<Vec<TimeInterval>> =
+            (0..cells).map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect()).collect();
         let blocked_at_start =
             grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
         let caps = self.caps(path, &stations, planned_stop);
@@ -210,7 +209,8 @@ impl Situation<'_> {
     /// planned stop.
     fn caps(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
         let comfort = &self.vehicle.comfort;
-        let lateral = self.settings.lateral_share * comfort.lateral_acceleration;
+        let planned = self.settings.lateral_share * comfort.lateral_acceleration;
+        let lateral = planned.max(self.settings.lateral_share * self.lateral_limit);
         let mut caps = self.hard_limits(path, stations, lateral, STEERING_SHARE);
         if let Some(goal) = &self.goal {
             let in_time = goal.speed_for_window(self.station, self.time).max(SLOWEST_APPROACH);

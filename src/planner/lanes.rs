@@ -27,7 +27,7 @@ pub(super) struct Lane {
     /// Stretches on which resting is not allowed, m.
     pub(super) no_rest: Vec<(f64, f64)>,
     /// Lattice edges kept from cycle to cycle, for each collision world.
-    pub(super) stores: [EdgeStore; 2],
+    pub(super) stores: [EdgeStore; 3],
 }
 
 /// Why there is no lane to drive on.

@@ -40,8 +40,8 @@ pub struct Planner<'a> {
     problem: &'a PlanningProblem,
     vehicle: &'a Vehicle,
     settings: &'a Settings,
-    /// With margins, without margins.
-    worlds: [CollisionWorld; 2],
+    /// With margins, without margins, without margins and finely resolved.
+    worlds: [CollisionWorld; 3],
     lanes: Result<Vec<Lane>, NoLane>,
     committed: Option<Committed>,
     cruise: f64,
@@ -122,9 +122,11 @@ impl<'a> Planner<'a> {
             road: 0.0,
             ..settings.collision
         };
+        let fine = crate::collision::CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..bare };
         let worlds = [
             CollisionWorld::new(scenario, vehicle, &settings.collision, horizon)?,
             CollisionWorld::new(scenario, vehicle, &bare, horizon)?,
+            CollisionWorld::new(scenario, vehicle, &fine, horizon)?,
         ];
         let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
@@ -244,6 +246,10 @@ impl<'a> Planner<'a> {
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
         }));
+        // bumper to bumper, cells of half a metre and slices of a tenth of a second are too coarse
+        if let (None, Some(hardest)) = (&self.committed, rungs.last().copied()) {
+            rungs.push(Rung { world: 2, ..hardest });
+        }
         if let Some(committed) = &self.committed {
             rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
         }
@@ -453,7 +459,11 @@ impl<'a> Planner<'a> {
 }
 
 /// Margin of the collision world without margins: what tracking needs at the least.
-const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.05, longitudinal: 0.05 };
+const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.01, longitudinal: 0.01 };
+/// Station cells of the finely resolved world, m.
+const FINE_SPACING: f64 = 0.1;
+/// Time slices of the finely resolved world, s.
+const FINE_SLICE: f64 = 0.025;
 /// How far beyond the run's end predictions are looked at, s.
 const PREDICTION_BEYOND_END: f64 = 15.0;
 /// Share of the vehicle's curvature that paths may use; the rest is the tracking controller's.

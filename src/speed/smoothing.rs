@@ -294,7 +294,8 @@ mod tests {
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
         let searched = searched(problem);
         let settings = Settings::default();
-        let smooth = smooth_and_prove(problem, &problem.caps, &searched, start_acceleration, &settings).expect("solvable");
+        let smooth =
+            smooth_and_prove(problem, &problem.caps, &searched, start_acceleration, &settings).expect("solvable");
         assert_eq!(prove(problem, &smooth), Ok(()));
         let jerk = smooth.knots().iter().map(|k| k.jerk.abs()).fold(0.0, f64::max);
         assert!(jerk <= settings.jerk + 1e-3, "jerk {jerk}");
