@@ -48,6 +48,17 @@ impl Path {
         piece.spiral.point_at(&piece.start, (station - piece.station).min(piece.spiral.length))
     }
 
+    /// Curvature (1/m) and its derivative by arc length (1/m²) at a station, without the pose, which takes an integral;
+    /// beyond the ends, clamped to them.
+    #[must_use]
+    pub fn bend_at(&self, station: f64) -> (f64, f64) {
+        let station = station.clamp(0.0, self.length);
+        let i = self.pieces.partition_point(|p| p.station <= station).max(1) - 1;
+        let (piece, spiral) = (&self.pieces[i], &self.pieces[i].spiral);
+        let along = (station - piece.station).min(spiral.length);
+        (spiral.curvature(along), spiral.curvature_rate(along))
+    }
+
     /// Points every `spacing` metres at most, both ends included, with their stations.
     #[must_use]
     pub fn sampled(&self, spacing: f64) -> Vec<(f64, PathPoint)> {

@@ -112,7 +112,9 @@ impl Body {
     fn bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
         let (x, y) = (self.front.abs().max(self.rear.abs()), self.half_width);
         let (k, k1) = (curvature, curvature_rate);
-        (k1 * y + k * k * x).hypot(k + k1 * x + k * k * y)
+        let (along, across) = (k1 * y + k * k * x, k + k1 * x + k * k * y);
+        // not `hypot`: nothing overflows here, and it takes five times as long
+        (along * along + across * across).sqrt()
     }
 
     /// Depth to which a point lies inside the rectangle, m; negative outside.
@@ -165,7 +167,10 @@ impl Sweep {
         pieces: &[(Pose, CubicSpiral)],
     ) -> Self {
         let widest = body.grown(&settings.widest(), 0.0);
-        let (mut stations, mut frames, mut slack) = (Vec::new(), Vec::new(), Vec::new());
+        let most: usize =
+            1 + pieces.iter().map(|(_, spiral)| cells_for(spiral.length, settings.spacing)).sum::<usize>();
+        let (mut stations, mut frames) = (Vec::with_capacity(most), Vec::with_capacity(most));
+        let mut slack = Vec::with_capacity(most);
         let mut before = 0.0;
         for (start, spiral) in pieces {
             let cells = cells_for(spiral.length, settings.spacing);

@@ -1,7 +1,7 @@
 //! Spiral edges with their collision check and cost, and the store that keeps those between lattice nodes.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
@@ -23,14 +23,40 @@ pub struct Edge {
     pub end_offset: f64,
     /// The curve.
     pub spiral: CubicSpiral,
-    /// Its swept footprint (of the kept part too, for an edge from the root).
-    pub sweep: Arc<Sweep>,
+    /// Where it starts.
+    start: Pose,
+    /// Its swept footprint, once a path goes along it. Most edges lose before, and sweeps are large: they are not kept
+    /// from the check.
+    sweep: OnceLock<Arc<Sweep>>,
     /// How far the rear axle may come on it, m.
     pub free_length: f64,
     /// What ends it before its length.
     pub blocked_by: Option<Blocker>,
     /// Its cost.
     pub terms: CostTerms,
+}
+
+impl Edge {
+    /// Its swept footprint; for an edge from the root that of the kept part, too.
+    pub(super) fn sweep(&self, ground: &Ground<'_>, root: &Root) -> &Arc<Sweep> {
+        self.sweep.get_or_init(|| {
+            let (kept, path_start) =
+                if self.from.is_none() { (root.kept.as_slice(), root.start) } else { (&[][..], self.start) };
+            Arc::new(swept(ground, &self.start, &self.spiral, kept, path_start))
+        })
+    }
+}
+
+/// The swept footprint of a spiral, after a kept part that begins at `path_start`.
+fn swept(ground: &Ground<'_>, start: &Pose, spiral: &CubicSpiral, kept: &[CubicSpiral], path_start: Pose) -> Sweep {
+    if kept.is_empty() {
+        return ground.world.sweep(start, spiral);
+    }
+    let spirals: Vec<_> = kept.iter().copied().chain([*spiral]).collect();
+    match crate::trajectory::Path::new(path_start, &spirals) {
+        Some(path) => ground.world.sweep_path(&path),
+        None => ground.world.sweep(start, spiral),
+    }
 }
 
 /// Station index from, station index to.
@@ -52,6 +78,13 @@ pub struct EdgeStore {
 }
 
 impl EdgeStore {
+    /// Drops what lies behind a station, m.
+    pub(super) fn forget_before(&mut self, station: f64, settings: &Settings) {
+        let ahead = |index: i64| index as f64 * settings.grid >= station;
+        self.layers.retain(|(_, to), _| ahead(*to));
+        self.nodes.retain(|index, _| ahead(*index));
+    }
+
     /// Which nodes of a layer edges may lead to: those at which the vehicle, margins included, is on the road. All, if
     /// none is.
     pub(super) fn nodes(&mut self, ground: &Ground<'_>, station: i64, offsets: &[f64], settings: &Settings) -> &[bool] {
@@ -204,15 +237,7 @@ impl Placed<'_> {
         settings: &Settings,
     ) -> Edge {
         let kept_length: f64 = self.kept.iter().map(|s| s.length).sum();
-        let sweep = if self.kept.is_empty() {
-            ground.world.sweep(&self.start, &self.spiral)
-        } else {
-            let spirals: Vec<_> = self.kept.iter().copied().chain([self.spiral]).collect();
-            match crate::trajectory::Path::new(self.path_start, &spirals) {
-                Some(path) => ground.world.sweep_path(&path),
-                None => ground.world.sweep(&self.start, &self.spiral),
-            }
-        };
+        let sweep = swept(ground, &self.start, &self.spiral, self.kept, self.path_start);
         let hit = ground.world.static_hit_from_start(&sweep, &self.allowance);
         let free_length = hit.map_or(self.spiral.length, |h| h.station - kept_length);
         let terms = self.terms(ground, &sweep, settings);
@@ -221,7 +246,8 @@ impl Placed<'_> {
             to,
             end_offset,
             spiral: self.spiral,
-            sweep: Arc::new(sweep),
+            start: self.start,
+            sweep: OnceLock::new(),
             free_length,
             blocked_by: hit.map(|h| h.what),
             terms,

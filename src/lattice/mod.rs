@@ -129,9 +129,11 @@ pub fn paths(
     if let Some(answer) = store.answers.get(&question) {
         return answer;
     }
+    let here = ground.reference.project(root.start.position).s;
+    store.forget_before(here - FORGOTTEN_BEHIND, settings);
     let stations = layer_stations(ground, root, speed, horizon, settings);
     let chains = Chains::build(ground, root, &stations, settings, store);
-    let answer = chains.map_or_else(Vec::new, |chains| chains.candidates(root, horizon, settings));
+    let answer = chains.map_or_else(Vec::new, |chains| chains.candidates(ground, root, horizon, settings));
     store.answers.keep(question, &answer);
     answer
 }
@@ -264,7 +266,7 @@ impl Chains {
 
     /// The cheapest chain to each end offset and through each first offset, cheapest first; chains that end in front of
     /// something pay for what they miss of the horizon.
-    fn candidates(mut self, root: &Root, horizon: f64, settings: &Settings) -> Vec<LatticePath> {
+    fn candidates(mut self, ground: &Ground<'_>, root: &Root, horizon: f64, settings: &Settings) -> Vec<LatticePath> {
         let kept: f64 = root.kept.iter().map(|s| s.length).sum();
         for &end in &self.ends {
             let label = &mut self.labels[end];
@@ -284,10 +286,10 @@ impl Chains {
                 break;
             }
         }
-        chosen.into_iter().filter_map(|end| self.path(root, end)).collect()
+        chosen.into_iter().filter_map(|end| self.path(ground, root, end)).collect()
     }
 
-    fn path(&self, root: &Root, end: usize) -> Option<LatticePath> {
+    fn path(&self, ground: &Ground<'_>, root: &Root, end: usize) -> Option<LatticePath> {
         let mut chain = Vec::new();
         let mut label = Some(end);
         while let Some(l) = label {
@@ -300,7 +302,7 @@ impl Chains {
         let last = &self.labels[end];
         Some(LatticePath {
             path: Path::new(root.start, &spirals)?,
-            sweeps: chain.iter().map(|e| Arc::clone(&e.sweep)).collect(),
+            sweeps: chain.iter().map(|e| Arc::clone(e.sweep(ground, root))).collect(),
             free_length: kept + last.free_length,
             blocked_by: last.edge.blocked_by,
             terms: last.terms,
@@ -310,6 +312,8 @@ impl Chains {
     }
 }
 
+/// Kept edges that end this far behind the vehicle are dropped, m: it does not drive backwards, but may replan there.
+const FORGOTTEN_BEHIND: f64 = 20.0;
 /// How many candidates may share their first node, so that the speed layer sees different ways to start.
 const MOST_PER_FIRST_NODE: usize = 3;
 

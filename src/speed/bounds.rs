@@ -24,9 +24,15 @@ impl SpeedLimits {
     /// Steering: δ = atan(Lκ), so δ̇ = L κ′ v / (1 + L²κ²) ≤ δ̇_max bounds v as well.
     #[must_use]
     pub fn at(&self, point: &PathPoint) -> f64 {
-        let lateral = (self.lateral_acceleration / point.curvature.abs().max(1e-9)).sqrt();
-        let lk = self.wheelbase * point.curvature;
-        let steering = self.steering_rate * (1.0 + lk * lk) / (self.wheelbase * point.curvature_rate.abs()).max(1e-9);
+        self.on_bend(point.curvature, point.curvature_rate)
+    }
+
+    /// [`Self::at`] a point of which only the curvature (1/m) and its derivative by arc length (1/m²) are known.
+    #[must_use]
+    pub fn on_bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
+        let lateral = (self.lateral_acceleration / curvature.abs().max(1e-9)).sqrt();
+        let lk = self.wheelbase * curvature;
+        let steering = self.steering_rate * (1.0 + lk * lk) / (self.wheelbase * curvature_rate.abs()).max(1e-9);
         lateral.min(steering).max(CRAWL).min(self.top_speed)
     }
 }

@@ -30,7 +30,7 @@ pub(super) struct Outlook<'a> {
 
 impl<'a> Outlook<'a> {
     pub(super) fn new(problem: &'a SpeedProblem) -> Self {
-        let wanted = |i: &usize| i % STRIDE == 0 && !problem.blocked[*i].is_empty();
+        let wanted = |i: &usize| i.is_multiple_of(STRIDE) && !problem.blocked[*i].is_empty();
         let cells: Vec<usize> = (0..problem.cells()).filter(wanted).collect();
         let next = (0..=problem.cells()).map(|node| cells.partition_point(|c| *c < node)).collect();
         let top = problem.caps.iter().fold(0.0, |a: f64, b| a.max(*b));
