@@ -132,10 +132,8 @@ impl Situation<'_> {
                 planned = true;
             }
         }
-        if let Some(to_goal) = self.way_to_goal_stop() {
-            if to_goal < end {
-                (end, planned) = (to_goal, true);
-            }
+        if let Some(to_goal) = self.way_to_goal_stop().filter(|way| *way < end) {
+            (end, planned) = (to_goal, true);
         }
         (end.max(0.0), planned)
     }

@@ -204,10 +204,10 @@ impl<'a> Planner<'a> {
         let (ahead, offset) = on(current);
         let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
         let ends_soon = ahead < self.settings.longest_horizon && current.goes_on(self.scenario);
-        if changed || ends_soon {
-            if let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle) {
-                self.lanes = Ok(lanes);
-            }
+        if (changed || ends_soon)
+            && let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle)
+        {
+            self.lanes = Ok(lanes);
         }
     }
 
