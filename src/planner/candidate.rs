@@ -34,6 +34,10 @@ pub(super) struct Situation<'a> {
     pub(super) braking: f64,
     /// Largest deceleration of proofs, m/s².
     pub(super) proof_deceleration: f64,
+    /// Share of it that the search uses.
+    pub(super) search_share: f64,
+    /// Whether the run goes on long enough to come to the end of a road that ends ahead.
+    pub(super) long_run: bool,
     /// Stretches of the reference line on which resting is not allowed.
     pub(super) no_rest: &'a [(f64, f64)],
     /// Time by which moving obstacles are given way before and after, s.
@@ -87,7 +91,8 @@ impl Situation<'_> {
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let caps = self.hard_caps(path, &problem.stations);
                 let guide_caps = std::mem::replace(&mut problem.caps, caps);
-                let problem = SpeedProblem { blocked: as_blocked, ..problem };
+                let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
+                problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::unsmoothed(&problem, &plan).zip(progress) {
                     Some((searched, progress)) => {
                         Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, progress, plan, blocked }))
@@ -128,7 +133,7 @@ impl Situation<'_> {
             if matches!(blocker, Blocker::Obstacle(_)) {
                 end -= self.settings.standoff;
                 planned = true;
-            } else if self.road_ends_behind_goal(path) {
+            } else if self.road_ends_there(path) {
                 planned = true;
             }
         }
@@ -144,10 +149,11 @@ impl Situation<'_> {
         stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|way| *way > -MISSED)
     }
 
-    /// Whether what ends the path is the end of the known road, with nothing to reach beyond the vehicle's stop there.
-    fn road_ends_behind_goal(&self, path: &LatticePath) -> bool {
+    /// Whether what ends the path is the end of the known road, and the run goes on long enough to stop there.
+    fn road_ends_there(&self, path: &LatticePath) -> bool {
+        let goal_passed = self.goal.is_some_and(|g| g.far < self.station);
         let at_end = self.station + path.free_length + self.vehicle.front_overhang_from_rear_axle() + 3.0;
-        self.goal.is_some_and(|g| g.far < self.station) && at_end >= self.reference.length()
+        (self.long_run || goal_passed) && at_end >= self.reference.length()
     }
 
     #[allow(clippy::type_complexity)] // intervals of stations and times, as the record has them
@@ -183,7 +189,7 @@ impl Situation<'_> {
             limits: AccelerationLimits {
                 acceleration: self.acceleration,
                 deceleration: self.braking,
-                aggressive_deceleration: self.proof_deceleration,
+                aggressive_deceleration: (self.search_share * self.proof_deceleration).max(self.braking),
             },
             stations,
         };

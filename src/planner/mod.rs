@@ -46,6 +46,8 @@ pub struct Planner<'a> {
     committed: Option<Committed>,
     cruise: f64,
     horizon: f64,
+    /// Latest end of the run, s.
+    end_time: f64,
 }
 
 /// The plan in force.
@@ -67,6 +69,8 @@ struct Rung {
     braking: f64,
     /// Largest deceleration of proofs, m/s².
     deceleration: f64,
+    /// Share of that deceleration that the search uses; the smoothing has the rest.
+    search_share: f64,
     /// Factor on the cruising speed.
     speed_factor: f64,
     /// Time by which moving obstacles are given way, s.
@@ -130,7 +134,7 @@ impl<'a> Planner<'a> {
         ];
         let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
-        Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon })
+        Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon, end_time })
     }
 
     /// Why there is no lane to drive on, if there is none.
@@ -221,6 +225,7 @@ impl<'a> Planner<'a> {
             acceleration: self.vehicle.comfort.acceleration,
             braking: self.vehicle.comfort.deceleration,
             deceleration: aggressive,
+            search_share: SEARCH_SHARE,
             speed_factor: 1.0,
             time_gap: self.settings.time_gap,
             junctions_kept_free: true,
@@ -230,13 +235,14 @@ impl<'a> Planner<'a> {
             first,
             Rung { time_gap: SHORT_GAP, ..first },
             Rung { time_gap: SHORT_GAP, junctions_kept_free: false, ..first },
-            Rung { time_gap: 0.0, junctions_kept_free: false, world: 1, ..first },
+            Rung { time_gap: 0.0, junctions_kept_free: false, world: 1, search_share: 1.0, ..first },
         ];
         rungs.extend(self.settings.emergency.iter().map(|e| Rung {
             world: 1,
             acceleration: e.acceleration,
             braking: NOMINAL_SHARE * e.deceleration,
             deceleration: e.deceleration,
+            search_share: 1.0,
             speed_factor: if e.acceleration > self.vehicle.comfort.acceleration {
                 self.settings.emergency_speed
             } else {
@@ -407,6 +413,8 @@ impl<'a> Planner<'a> {
             braking: rung.braking,
             horizon: self.horizon,
             proof_deceleration: rung.deceleration,
+            search_share: rung.search_share,
+            long_run: self.end_time - start.point.time > LONG_RUN,
             no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
             time_gap: rung.time_gap,
             lateral_limit: rung.lateral_limit,
@@ -481,6 +489,10 @@ const URGENCY_TIME_STEP: f64 = 2.0;
 const URGENT_WAY: f64 = 80.0;
 /// Way by which the price of a lane change rises once, m.
 const URGENCY_WAY_STEP: f64 = 20.0;
+/// Share of the aggressive deceleration that searches count on; a jerk-limited stop needs the rest to build up.
+const SEARCH_SHARE: f64 = 0.85;
+/// A run that goes on for longer than this will come to the end of a road that ends ahead, s.
+const LONG_RUN: f64 = 10.0;
 /// Share of an emergency's deceleration that its nominal braking uses; the proofs have the rest.
 const NOMINAL_SHARE: f64 = 0.75;
 /// Time gap where the wanted one proves nothing, s: room for the smoothing.
