@@ -106,6 +106,8 @@ fn exit_2_is_wrong_use() {
         complains(&place.run(&["drive", ROAD, "--threads", threads]), 2, &["--threads"]);
     }
     complains(&place.run(&["drive", ROAD, "--csv", "a", "--svg", "a"]), 2, &["a", "twice"]);
+    complains(&place.run(&["plan", ROAD, "--csv", "a", "--svg", "./a"]), 2, &["./a", "twice"]);
+    complains(&place.run(&["plan", ROAD, "--json", "-", "--csv", "-"]), 2, &["stdout"]);
     assert_eq!(place.names(), Vec::<String>::new());
 }
 

@@ -117,6 +117,15 @@ fn settings(file: &Path) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
+/// One name for one file, also where the file does not exist yet.
+fn real(path: &Path) -> PathBuf {
+    let in_real_folder = || {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
+    };
+    path.canonicalize().ok().or_else(in_real_folder).unwrap_or_else(|| path.to_owned())
+}
+
 impl Outputs {
     pub(super) fn json_on_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
@@ -135,7 +144,10 @@ impl Outputs {
             let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
             return Err(Failure::Use(reason.into()));
         }
-        let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if self.files().any(|file| file == Path::new("-")) {
+            let reason = "only --json goes to stdout with `-`; a file of that name is `./-`";
+            return Err(Failure::Use(reason.into()));
+        }
         let mut taken: Vec<PathBuf> = inputs.iter().flatten().map(|p| real(p)).collect();
         for file in self.files() {
             let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());

@@ -82,12 +82,20 @@ fn lanelet(source: &mut Source, node: Node) -> Result<Lanelet, ReadError> {
     Ok(lanelet)
 }
 
+/// Longest bound of a lanelet, m. References are sampled along it, so memory grows with it.
+const MAX_LENGTH: f64 = 1e5;
+
 fn bound(source: &Source, node: Node, points: &[Point]) -> Result<Polyline, ReadError> {
-    Polyline::new(points.iter().copied()).ok_or_else(|| ReadError::BadPoints {
+    let bound = Polyline::new(points.iter().copied()).ok_or_else(|| ReadError::BadPoints {
         place: source.place(node),
         found: points.len(),
         expected: "at least 2 that differ",
-    })
+    })?;
+    if bound.length() > MAX_LENGTH {
+        let found = format!("{:.0} m", bound.length());
+        return Err(source.bad_value(node, &found, "a length of at most 100 km"));
+    }
+    Ok(bound)
 }
 
 /// The middle between the bounds: of points that belong together where both bounds have as many, else of points at

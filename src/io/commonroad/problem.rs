@@ -30,10 +30,17 @@ pub(super) fn read_all(
     Ok(problems)
 }
 
+/// No road vehicle is faster, m/s. What is planned and drawn grows with the way to a stop.
+const MAX_SPEED: f64 = 150.0;
+
 fn initial(source: &mut Source, node: Node) -> Result<InitialState, ReadError> {
     let state = state::read(source, node)?;
     let yaw = state.yaw.ok_or_else(|| source.missing(node, "orientation"))?;
     let speed = state.speed.ok_or_else(|| source.missing(node, "velocity"))?;
+    if speed.abs() > MAX_SPEED {
+        let velocity = source.child(node, "velocity")?;
+        return Err(source.bad_value(velocity, &speed.to_string(), "a speed of at most 150 m/s"));
+    }
     if state.uncertain {
         source.note(node, "is uncertain; the middle of its intervals and regions is used");
     }

@@ -392,10 +392,16 @@ fn an_obstacle_without_shape_or_state_is_refused() {
 }
 
 #[test]
+fn a_lanelet_longer_than_any_road_is_refused() {
+    refused(&with("<x>1000100.0</x><y>0.0</y>", "<x>9000000.0</x><y>0.0</y>"), &["rightBound", "7999950 m", "100 km"]);
+}
+
+#[test]
 fn a_problem_without_its_parts_is_refused() {
     refused(&with("<exact>8.0</exact>", ""), &["planningProblem 40", "exact, or intervalStart"]);
     refused(&with("<orientation><exact>0.01</exact></orientation>", ""), &["planningProblem 40", "orientation"]);
     refused(&with("<velocity><exact>8.0</exact></velocity>", ""), &["planningProblem 40", "velocity"]);
+    refused(&with("<exact>8.0</exact>", "<exact>-1e9</exact>"), &["planningProblem 40", "-1000000000", "150 m/s"]);
     refused(&with("<time><exact>60</exact></time>", ""), &["goalState", "time"]);
     refused(
         &with("<intervalEnd>80</intervalEnd>", "<intervalEnd>8</intervalEnd>"),
