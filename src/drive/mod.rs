@@ -92,11 +92,16 @@ pub fn drive<'a>(
     settings.validate()?;
     let watch = GoalWatch::new(scenario, problem);
     let begins = problem.initial.time_step as f64 * scenario.time_step;
-    let ends = watch.deadline().min(begins + settings.run.longest).max(begins);
+    let ends = latest_end(&watch, begins, settings);
     let mut planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
     let mut run = Run::unstarted(scenario, problem, vehicle);
     if let Some(reason) = planner.no_lane() {
         run.reason = Some(reason.code());
+        return Ok(run);
+    }
+    if ends <= begins {
+        run.outcome = Outcome::TimedOut;
+        run.reason = Some("goal_time_is_past");
         return Ok(run);
     }
     let initial = initial_state(problem, vehicle, begins);
@@ -148,7 +153,7 @@ pub fn plan<'a>(
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
     let begins = problem.initial.time_step as f64 * scenario.time_step;
-    let ends = GoalWatch::new(scenario, problem).deadline().min(begins + settings.run.longest).max(begins);
+    let ends = latest_end(&GoalWatch::new(scenario, problem), begins, settings);
     let mut planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
     let mut run = Run::unstarted(scenario, problem, vehicle);
     if let Some(reason) = planner.no_lane() {
@@ -161,6 +166,12 @@ pub fn plan<'a>(
     }
     run.explain();
     Ok(run)
+}
+
+/// The latest end of a run, s: the goal's deadline, or the longest run where there is no goal.
+fn latest_end(watch: &GoalWatch, begins: f64, settings: &Settings) -> f64 {
+    let longest = begins + settings.run.longest;
+    if watch.deadline() == f64::NEG_INFINITY { longest } else { watch.deadline().min(longest).max(begins) }
 }
 
 /// Slower than this is at rest, m/s.

@@ -110,13 +110,24 @@ impl Settings {
             ("planner.lattice.layers", l.layers as f64, "1 to 20", 20.0),
             ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1000.0),
             ("planner.expansions", self.planner.expansions as f64, "1 to 10000000", 1e7),
-            ("planner.longest_horizon", self.planner.longest_horizon, "at most 1000 m", 1000.0),
-            ("run.longest", self.run.longest, "at most 3600 s", 3600.0),
+            ("planner.longest_horizon", self.planner.longest_horizon, "1 to 1000 m", 1000.0),
+            ("run.longest", self.run.longest, "1 to 3600 s", 3600.0),
         ];
         for (field, value, expected, most) in counts {
             if value > most || (value < 1.0 && field != "planner.lattice.offset_limit") {
                 return Err(SettingsError { field, value, expected });
             }
+        }
+        let shares = [
+            ("planner.lateral_share", self.planner.lateral_share),
+            ("planner.stopping_share", self.planner.stopping_share),
+        ];
+        if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
+            return Err(SettingsError { field, value, expected: "at most 1" });
+        }
+        if self.planner.cruise_speed > 150.0 {
+            let value = self.planner.cruise_speed;
+            return Err(SettingsError { field: "planner.cruise_speed", value, expected: "at most 150 m/s" });
         }
         if self.run.replan_interval < 0.01 || self.run.replan_interval > 1.0 {
             let value = self.run.replan_interval;

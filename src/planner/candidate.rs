@@ -133,27 +133,35 @@ impl Situation<'_> {
             if matches!(blocker, Blocker::Obstacle(_)) {
                 end -= self.settings.standoff;
                 planned = true;
-            } else if self.road_ends_there(path) {
-                planned = true;
             }
         }
+        planned |= self.road_ends_there(end);
         if let Some(to_goal) = self.way_to_goal_stop().filter(|way| *way < end) {
             (end, planned) = (to_goal, true);
         }
         (end.max(0.0), planned)
     }
 
-    /// Way left to where the goal asks for a stop, or where going on would miss it, m.
+    /// Way left to where the goal asks for a stop, or where going on would miss it, m; `None` if there is no such place
+    /// or the vehicle is too fast to stop there.
     fn way_to_goal_stop(&self) -> Option<f64> {
-        let stop = self.goal.filter(GoalOnLane::is_stop).map(|g| g.stop_station());
-        stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|way| *way > -MISSED)
+        let stop = self.goal.filter(GoalOnLane::is_stop).map(|goal| {
+            let comfortable = self.speed * self.speed / (2.0 * self.settings.stopping_share * self.braking);
+            // somewhere in the goal, as early as is comfortable
+            (self.station + comfortable).max(goal.stop_station()).min(goal.far)
+        });
+        let hardest = self.speed * self.speed / (2.0 * self.proof_deceleration);
+        stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|way| *way >= hardest)
     }
 
-    /// Whether what ends the path is the end of the known road, and the run goes on long enough to stop there.
-    fn road_ends_there(&self, path: &LatticePath) -> bool {
+    /// Whether the path, `end` metres long, runs up to the end of the known road, and the run goes on long enough to
+    /// come there.
+    fn road_ends_there(&self, end: f64) -> bool {
+        /// Nodes lie on a grid: a path may end this far before the road does, m.
+        const GRID: f64 = 8.0;
         let goal_passed = self.goal.is_some_and(|g| g.far < self.station);
-        let at_end = self.station + path.free_length + self.vehicle.front_overhang_from_rear_axle() + 3.0;
-        (self.long_run || goal_passed) && at_end >= self.reference.length()
+        let front = self.station + end + self.vehicle.front_overhang_from_rear_axle();
+        (self.long_run || goal_passed) && front + GRID >= self.reference.length()
     }
 
     #[allow(clippy::type_complexity)] // intervals of stations and times, as the record has them
@@ -260,8 +268,6 @@ impl Situation<'_> {
 
 /// A wait at a safe rest that ends a plan, s: what comes after is planned when its time has come.
 const LONG_WAIT: f64 = 2.0;
-/// A stop this far behind the vehicle is given up, m.
-const MISSED: f64 = 10.0;
 /// How far ahead falling behind free driving is counted, s.
 pub(super) const DELAY_HORIZON: f64 = 6.0;
 /// Shorter cells than this are left out, m: shorter than any gap that matters.
