@@ -93,6 +93,13 @@ impl CostTerms {
             + self.delay
     }
 
+    /// The sum in whole millionths, to compare: costs that differ by rounding only are equal, so that a turned or moved
+    /// map does not decide between them.
+    #[must_use]
+    pub fn rank(&self) -> i64 {
+        rank(self.total())
+    }
+
     /// Term by term sum.
     #[must_use]
     pub fn plus(&self, other: &Self) -> Self {
@@ -107,4 +114,11 @@ impl CostTerms {
             delay: self.delay + other.delay,
         }
     }
+}
+
+/// A cost in whole millionths; see [`CostTerms::rank`].
+#[must_use]
+#[allow(clippy::cast_possible_truncation)] // saturates far above any cost of a path
+pub fn rank(cost: f64) -> i64 {
+    (cost * 1e6).round() as i64
 }

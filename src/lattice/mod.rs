@@ -11,7 +11,7 @@
 mod cost;
 mod edges;
 
-pub use cost::{CostTerms, Weights};
+pub use cost::{CostTerms, Weights, rank};
 pub use edges::{Edge, EdgeStore};
 
 use std::sync::Arc;
@@ -147,10 +147,10 @@ fn layer_stations(ground: &Ground<'_>, root: &Root, speed: f64, horizon: f64, se
     let end = (here + horizon).min(ground.reference.length());
     let mut layers = Vec::new();
     #[allow(clippy::cast_possible_truncation)] // stations are far below 2⁵³ grid steps
-    let mut index = ((here + edge) / settings.grid).ceil() as i64;
+    let mut index = ((here + edge) / settings.grid - ON_GRID).ceil() as i64;
     #[allow(clippy::cast_possible_truncation)]
     let stride = (stride / settings.grid) as i64;
-    while layers.len() < settings.layers && index as f64 * settings.grid <= end {
+    while layers.len() < settings.layers && index as f64 * settings.grid <= end + ON_GRID {
         layers.push(index);
         index += stride;
     }
@@ -234,8 +234,8 @@ impl Chains {
             let index = self.labels.len();
             let (to, free) = (label.edge.to, label.edge.blocked_by.is_none());
             if free {
-                let total = label.terms.total();
-                if best[to].is_none_or(|b| total < self.labels[b].terms.total()) {
+                let total = label.terms.rank();
+                if best[to].is_none_or(|b| total < self.labels[b].terms.rank()) {
                     best[to] = Some(index);
                 }
             } else {
@@ -273,7 +273,7 @@ impl Chains {
             label.terms.missing = settings.weights.missing * (horizon - kept - label.free_length).max(0.0);
         }
         let labels = &self.labels;
-        self.ends.sort_by(|&a, &b| labels[a].terms.total().total_cmp(&labels[b].terms.total()).then(a.cmp(&b)));
+        self.ends.sort_by_key(|&end| (labels[end].terms.rank(), end));
         let mut chosen: Vec<usize> = Vec::new();
         for &end in &self.ends {
             let key = |i: usize| (quantum(labels[i].first_offset), quantum(labels[i].edge.end_offset));
@@ -314,6 +314,9 @@ impl Chains {
 
 /// Kept edges that end this far behind the vehicle are dropped, m: it does not drive backwards, but may replan there.
 const FORGOTTEN_BEHIND: f64 = 20.0;
+/// A station within this of a grid line lies on it (in grid steps and m): rounding must not decide on which side.
+const ON_GRID: f64 = 1e-6;
+
 /// How many candidates may share their first node, so that the speed layer sees different ways to start.
 const MOST_PER_FIRST_NODE: usize = 3;
 
@@ -403,7 +406,7 @@ mod tests {
             let found =
                 paths(ground, &root(ground, 5.0, 0.0), 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
             assert!(found.iter().any(|p| p.blocked_by.is_none()), "nothing passes");
-            assert!(found.windows(2).all(|w| w[0].terms.total() <= w[1].terms.total()));
+            assert!(found.windows(2).all(|w| w[0].terms.rank() <= w[1].terms.rank()));
             for path in found.iter().filter(|p| p.blocked_by.is_none()) {
                 let end = path.path.at(path.path.length()).pose;
                 assert_eq!(ground.world.start_overlap(&end, 0.0), None);

@@ -3,7 +3,7 @@
 use super::goal::GoalOnLane;
 use crate::geometry::{Point, Pose};
 use crate::lattice::EdgeStore;
-use crate::map::{LaneletId, PlanningProblem, Scenario};
+use crate::map::{LaneletId, PlanningProblem, RoadNetwork, Scenario};
 use crate::reference::ReferenceLine;
 use crate::route::{self, LaneOption, RouteOutcome, RouteSettings, Side};
 use crate::vehicle::Vehicle;
@@ -106,7 +106,8 @@ impl Lane {
 
     fn new(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
         let settings = crate::reference::ReferenceSettings::default();
-        let reference = ReferenceLine::new(&scenario.network, &option.lanelets, vehicle.width, &settings).ok()?;
+        let lanelets = joined(&scenario.network, &option.lanelets);
+        let reference = ReferenceLine::new(&scenario.network, lanelets, vehicle.width, &settings).ok()?;
         let goal = problem.goals.iter().find_map(|g| GoalOnLane::find(g, &scenario.network, &reference, vehicle));
         let is_current = option.side == Side::Current;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
@@ -116,7 +117,7 @@ impl Lane {
             no_rest: kept_free(scenario, &reference),
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
             stores: Default::default(),
-            last_lanelet: *option.lanelets.last()?,
+            last_lanelet: *lanelets.last()?,
             goal_missed_at: None,
             goal_deadline: deadline(problem),
             is_current,
@@ -130,6 +131,18 @@ impl Lane {
 fn deadline(problem: &PlanningProblem) -> f64 {
     let times = problem.goals.iter().filter(|g| g.position.is_some()).map(|g| g.time.max);
     times.reduce(f64::max).unwrap_or(f64::INFINITY)
+}
+
+/// The lanelets of a chain up to the first gap: files name successors that begin elsewhere, and a line must not leap.
+fn joined<'a>(network: &RoadNetwork, chain: &'a [LaneletId]) -> &'a [LaneletId] {
+    /// Larger distances between the end of a lanelet and its successor are gaps, m.
+    const GAP: f64 = 3.0;
+    let ends = |id: &LaneletId| network.lanelets.get(id).map(|l| (l.centre.first(), l.centre.last()));
+    let gap = chain.windows(2).position(|pair| match (ends(&pair[0]), ends(&pair[1])) {
+        (Some((_, end)), Some((start, _))) => (start - end).norm() > GAP,
+        _ => true,
+    });
+    &chain[..gap.map_or(chain.len(), |i| i + 1)]
 }
 
 /// Stretches of the line inside lanelets in which resting is not allowed, for the vehicle's rear axle.

@@ -25,7 +25,7 @@ use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::wrap_angle;
-use crate::lattice::{Ground, LatticePath, Root, paths};
+use crate::lattice::{Ground, LatticePath, Root, paths, rank};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::Frenet;
 use crate::speed::smoothing;
@@ -320,7 +320,7 @@ impl<'a> Planner<'a> {
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
         let way_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
-        let urgency = 1.0
+        let urgency = if lane.goal_missed_at.is_some() { BESIDE_THE_GOAL } else { 1.0 }
             + ((URGENT_TIME - time_left) / URGENCY_TIME_STEP).max(0.0)
             + ((URGENT_WAY - way_left) / URGENCY_WAY_STEP).max(0.0);
         let mut all = Vec::new();
@@ -335,7 +335,7 @@ impl<'a> Planner<'a> {
                 all.push(path);
             }
         }
-        all.sort_by(|a, b| a.terms.total().total_cmp(&b.terms.total()));
+        all.sort_by_key(|p| p.terms.rank());
         all
     }
 
@@ -366,7 +366,7 @@ impl<'a> Planner<'a> {
         for path in found {
             let mut note =
                 Candidate { path: path.path.clone(), cost: path.terms.total(), terms: path.terms, rejected: None };
-            if best.as_ref().is_some_and(|b| b.cost <= note.cost) {
+            if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(note.cost)) {
                 note.rejected = Some("dearer");
             } else {
                 match situation.evaluate(&path) {
@@ -378,7 +378,7 @@ impl<'a> Planner<'a> {
                         record.expansions += proven.plan.expansions;
                         note.terms.delay = self.settings.lattice.weights.delay * (free - proven.progress).max(0.0);
                         note.cost = note.terms.total();
-                        if best.as_ref().is_none_or(|b| note.cost < b.cost) {
+                        if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {
                             *best = Some(Choice {
                                 lane,
                                 candidate: record.candidates.len(),
@@ -481,6 +481,8 @@ const PREDICTION_BEYOND_END: f64 = 15.0;
 const CURVATURE_SHARE: f64 = 0.95;
 /// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
 const LATERAL_HEADROOM: f64 = 0.9;
+/// Price of the lane beside the goal's, in lane changes.
+const BESIDE_THE_GOAL: f64 = 3.0;
 /// Time to the goal's deadline below which lane changes get urgent, s.
 const URGENT_TIME: f64 = 8.0;
 /// Time by which the price of a lane change rises once, s.

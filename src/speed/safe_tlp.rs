@@ -92,6 +92,9 @@ pub fn plan(problem: &SpeedProblem, resolution: &Resolution) -> SpeedOutcome {
     })
 }
 
+/// A time within this of a bin's border lies in the later bin, in bins: rounding must not decide.
+const ON_GRID: f64 = 1e-6;
+
 /// Speeds below this are rest (m/s): a rounding guard, far below the slowest speed an edge can produce.
 const REST: f64 = 1e-6;
 
@@ -373,7 +376,7 @@ impl<'a> Search<'a> {
     fn key(&self, s: &SpeedState) -> u64 {
         let speed = (s.speed / self.resolution.speed).round() as u64;
         let time = if self.time_matters {
-            ((s.time - self.problem.start_time) / self.resolution.time).floor() as u64
+            ((s.time - self.problem.start_time) / self.resolution.time + ON_GRID).floor() as u64
         } else {
             0
         };
