@@ -320,7 +320,7 @@ impl<'a> Planner<'a> {
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
         let way_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
-        let urgency = if lane.goal_missed_at.is_some() { BESIDE_THE_GOAL } else { 1.0 }
+        let urgency = 1.0
             + ((URGENT_TIME - time_left) / URGENCY_TIME_STEP).max(0.0)
             + ((URGENT_WAY - way_left) / URGENCY_WAY_STEP).max(0.0);
         let mut all = Vec::new();
@@ -481,8 +481,6 @@ const PREDICTION_BEYOND_END: f64 = 15.0;
 const CURVATURE_SHARE: f64 = 0.95;
 /// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
 const LATERAL_HEADROOM: f64 = 0.9;
-/// Price of the lane beside the goal's, in lane changes.
-const BESIDE_THE_GOAL: f64 = 3.0;
 /// Time to the goal's deadline below which lane changes get urgent, s.
 const URGENT_TIME: f64 = 8.0;
 /// Time by which the price of a lane change rises once, s.
