@@ -102,7 +102,9 @@ fn metric_differences(name: &str, first: &Metrics, moved: &Metrics) -> Vec<Strin
         "duration_s" => SAME_TIME,
         "distance_m" => SAME_TIME * 15.0, // a cycle's way at the highest speed of the stories
         "kept_plans" => 1.0,
-        "plan_switches_per_minute" => 0.0,
+        // a count of paths that differ by more than a threshold: one on the threshold counts in one run and not in the
+        // other, and is two switches (there and back) in a quarter of a minute
+        "plan_switches_per_minute" => 8.0,
         key if key.contains("acceleration") || key.contains("jerk") => SAME_FEEL,
         key if key.contains("speed") => SAME_SPEED,
         _ => SAME_WAY,
