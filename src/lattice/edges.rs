@@ -9,6 +9,7 @@ use super::cost::CostTerms;
 use super::{Ground, LatticePath, Root, Settings};
 use crate::collision::{Allowance, Blocker, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
+use crate::geometry::spiral_opt::{Method, connect_bounded};
 use crate::geometry::{Pose, wrap_angle};
 use crate::reference::Frenet;
 
@@ -34,6 +35,8 @@ pub struct Edge {
     pub blocked_by: Option<Blocker>,
     /// Its cost.
     pub terms: CostTerms,
+    /// Whether it ends beside its node, so that no other edge goes on from it.
+    pub ends_chain: bool,
 }
 
 impl Edge {
@@ -162,7 +165,13 @@ pub(super) fn from_root(
         .filter(|j| nodes[*j])
         .filter_map(|j| {
             let end = ground.reference.offset_pose(station, offsets[j])?;
-            let spiral = bounded(&root.pose, root.curvature, &end, ground.max_curvature)?;
+            let exact = bounded(&root.pose, root.curvature, &end, ground.max_curvature);
+            let ends_chain = exact.is_none();
+            let spiral = match exact {
+                Some(spiral) => spiral,
+                None if offsets[j].abs() <= SLIDES_WITHIN => slid(root, &end, ground.max_curvature)?,
+                None => return None,
+            };
             let placed = Placed {
                 start: root.pose,
                 stations: (begins, station),
@@ -171,9 +180,21 @@ pub(super) fn from_root(
                 path_start: root.start,
                 allowance: root.allowance,
             };
-            Some(placed.checked(ground, None, j, offsets[j], settings))
+            Some(Edge { ends_chain, ..placed.checked(ground, None, j, offsets[j], settings) })
         })
         .collect()
+}
+
+/// Nodes within this offset may be missed sideways where the curvature bound bites, m: a tight corner needs some way
+/// round it, not one to every node.
+const SLIDES_WITHIN: f64 = 1.0;
+
+/// The spiral to a node under the curvature bound, by the convex program that slides its end sideways as little as needed.
+fn slid(root: &Root, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral> {
+    let local = Pose { position: root.pose.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - root.pose.yaw) };
+    let found = connect_bounded(root.curvature, &local, end.curvature, max_curvature).ok()?;
+    let winds = found.spiral.length > LONGEST_DETOUR * local.position.coords.norm();
+    (found.method == Method::Convex && !winds).then_some(found.spiral)
 }
 
 /// What [`super::paths`] was asked.
@@ -251,6 +272,7 @@ impl Placed<'_> {
             free_length,
             blocked_by: hit.map(|h| h.what),
             terms,
+            ends_chain: false,
         }
     }
 

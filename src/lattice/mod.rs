@@ -6,6 +6,9 @@
 //! cycle. The cheapest chain of free edges to each end node comes out of dynamic programming over the layers; where
 //! the way is blocked, chains end in front of what blocks them.
 //!
+//! Where the curvature bound bites on the way from the vehicle, an edge may end beside its node: a convex program slides
+//! its end as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
+//!
 //! Weak spots: one heading and curvature per node; edges that the vehicle could only just drive may be missed.
 
 mod cost;
@@ -232,7 +235,7 @@ impl Chains {
         for (before, edge) in edges {
             let label = self.label(before, edge);
             let index = self.labels.len();
-            let (to, free) = (label.edge.to, label.edge.blocked_by.is_none());
+            let (to, free) = (label.edge.to, label.edge.blocked_by.is_none() && !label.edge.ends_chain);
             if free {
                 let total = label.terms.rank();
                 if best[to].is_none_or(|b| total < self.labels[b].terms.rank()) {
