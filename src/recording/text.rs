@@ -111,7 +111,7 @@ fn document(run: &Run) -> String {
     let mut text =
         format!("### {}\n\n{} · problem {}\n\n", plain(&run.scenario.id), plain(&run.vehicle.name), run.problem.id);
     if run.verdict.checks.is_empty() {
-        let _ = write!(text, "**{outcome}** (one planning cycle, nothing driven)\n");
+        let _ = writeln!(text, "**{outcome}** (one planning cycle, nothing driven)");
         return text;
     }
     let verdict = if run.verdict.pass() { "pass" } else { "fail" };

@@ -133,7 +133,7 @@ fn log_sets(
         let outlines = shape_outlines(&set.region, &WORLD).iter().map(|o| context.ring(o)).collect();
         context.log(entity, &strips(outlines, colours(obstacle).1, pixels(1.0), order::OBSTACLE_EDGES))?;
     }
-    match seen().last() {
+    match seen().next_back() {
         Some(set) if set.to < to => clear(context, entity, set.to + AFTER),
         _ => Ok(()),
     }
