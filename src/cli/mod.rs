@@ -1,8 +1,8 @@
 //! The command line: arguments → job → report.
 //!
-//! [`args`] is what can be typed. [`job`] makes of it something that can run: every input read and checked, every output
-//! known to be writable, before anything starts. [`engine`] runs it, the only file that knows planner and physics.
-//! [`report`] and [`json`] say what happened. Results go to stdout, everything else to stderr.
+//! `args` is what can be typed. `job` makes of it something that can run: every input read and checked, every output
+//! known to be writable, before anything starts. `engine` runs it, the only file that knows planner and physics.
+//! `report` and `json` say what happened. Results go to stdout, everything else to stderr.
 //!
 //! What happened is in the exit code, [`Exit`]: outcomes are not errors.
 

@@ -23,7 +23,7 @@ pub enum Link {
 
 /// The lane graph of a road network: drivable lanelets only.
 ///
-/// Cost of following: the length of the lanelet left behind. Cost of changing: [`LANE_CHANGE_COST`]. Both are raised to
+/// Cost of following: the length of the lanelet left behind. Cost of changing: `LANE_CHANGE_COST`. Both are raised to
 /// the distance between the two lanelets' first points where that is larger (gaps between lanelets, beginnings far
 /// apart), so that the straight-line distance between first points is a consistent heuristic by construction.
 #[derive(Debug, Clone)]

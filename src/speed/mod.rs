@@ -8,7 +8,7 @@
 //! ```
 //!
 //! A cell is *blocked* during the time intervals in which the vehicle, anywhere in that cell, would touch a moving
-//! obstacle. [`safe_tlp`] searches this lattice by the SafeTLP algorithm (Cserna, Doyle, Gu, Ruml: *Safe Temporal
+//! obstacle. `safe_tlp` searches this lattice by the SafeTLP algorithm (Cserna, Doyle, Gu, Ruml: *Safe Temporal
 //! Planning for Urban Driving*, Algorithm 1); [`smoothing`] makes the result jerk-limited through a quadratic program;
 //! [`prove`] checks any profile again, by other code than the search.
 //!

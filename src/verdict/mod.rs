@@ -1,6 +1,6 @@
 //! The judge: named checks over what happened, derived again from the log and the scenario.
 //!
-//! It has to be able to contradict the planner, so it shares no code with it: the geometry here ([`shapes`]) is dense
+//! It has to be able to contradict the planner, so it shares no code with it: the geometry here (`shapes`) is dense
 //! sampling, the separating-axis theorem and the even–odd rule, slow and simple, where the planner has swept
 //! footprints and bounding-volume trees. Planning records are read only where the question is about plans: whether a
 //! stop was proven (`stop_proven`), where a stop was meant to be (`stops`), how often the plan changed ([`Metrics`]).
