@@ -1,0 +1,50 @@
+//! Starts and goals that no plan can serve end as outcomes with a reason, never as errors.
+
+use std::path::Path;
+
+use stopline::drive::{self, Outcome, Settings};
+use stopline::geometry::Point;
+use stopline::geometry::polyline::Polyline;
+use stopline::io::commonroad;
+use stopline::map::{GoalPosition, Scenario};
+use stopline::vehicle;
+
+fn straight() -> Scenario {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("maps/straight_100m.xml");
+    commonroad::read_file(&file).unwrap()
+}
+
+fn ends(scenario: &Scenario) -> (Outcome, Option<&'static str>, usize) {
+    let vehicle = vehicle::load("bmw_320i").unwrap();
+    let run = drive::drive(scenario, &scenario.problems[0], &vehicle, &Settings::default(), &mut |_, _| {}).unwrap();
+    (run.outcome, run.reason, run.log.samples.len())
+}
+
+#[test]
+fn a_start_far_off_the_road_is_no_safe_plan_with_its_reason() {
+    let mut scenario = straight();
+    scenario.problems[0].initial.centre.position.y += 500.0;
+    assert_eq!(ends(&scenario), (Outcome::NoSafePlan, Some("start_off_road"), 0));
+}
+
+#[test]
+fn a_goal_on_a_road_without_connection_is_no_safe_plan_with_its_reason() {
+    let mut scenario = straight();
+    let mut island = scenario.network.lanelets.values().next().unwrap().clone();
+    let away = |line: &Polyline| Polyline::new(line.points().iter().map(|p| Point::new(p.x, p.y + 1000.0))).unwrap();
+    island.id = 999;
+    (island.left, island.right, island.centre) = (away(&island.left), away(&island.right), away(&island.centre));
+    (island.successors, island.predecessors) = (Vec::new(), Vec::new());
+    (island.adjacent_left, island.adjacent_right) = (None, None);
+    scenario.network.lanelets.insert(999, island);
+    scenario.problems[0].goals[0].position = Some(GoalPosition::Lanelets(vec![999]));
+    assert_eq!(ends(&scenario), (Outcome::NoSafePlan, Some("goal_unreachable"), 0));
+}
+
+#[test]
+fn a_goal_whose_time_is_past_is_told_and_not_driven() {
+    let mut scenario = straight();
+    scenario.problems[0].goals[0].time.min = -5.0;
+    scenario.problems[0].goals[0].time.max = -1.0;
+    assert_eq!(ends(&scenario), (Outcome::TimedOut, Some("goal_time_is_past"), 0));
+}
