@@ -7,7 +7,8 @@ use crate::lattice::LatticePath;
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
 use crate::speed::{
-    AccelerationLimits, Resolution, SpeedOutcome, SpeedPlan, SpeedProblem, TimeInterval, plan, smoothing,
+    AccelerationLimits, Nothing, Resolution, SpeedOutcome, SpeedPlan, SpeedProblem, Strategy, TimeInterval, search,
+    smoothing,
 };
 use crate::trajectory::SpeedProfile;
 use crate::vehicle::Vehicle;
@@ -58,6 +59,7 @@ pub(super) struct Proven {
     /// Station that the whole searched plan has reached after [`DELAY_HORIZON`], m.
     pub(super) progress: f64,
     pub(super) plan: SpeedPlan,
+    pub(super) expansions: usize,
     /// Cells blocked on the path, for pictures.
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
 }
@@ -80,13 +82,16 @@ impl Situation<'_> {
         let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
-        match plan(&problem, &resolution) {
-            SpeedOutcome::NoSafePlan { expansions, budget_spent } => {
-                let code = if budget_spent { "no_proof_in_budget" } else { "no_proof" };
+        let Ok(outcome) = search(&problem, Strategy::SafeTlp, &resolution) else {
+            return Evaluation::Rejected { code: "no_room", expansions: 0 };
+        };
+        let expansions = outcome.statistics().expansions;
+        match outcome {
+            SpeedOutcome::Nothing { why, .. } => {
+                let code = if matches!(why, Nothing::Spent(_)) { "no_proof_in_budget" } else { "no_proof" };
                 Evaluation::Rejected { code, expansions }
             }
-            SpeedOutcome::Proven(mut plan) => {
-                let expansions = plan.expansions;
+            SpeedOutcome::Proven { mut plan, .. } | SpeedOutcome::Unproven { mut plan, .. } => {
                 let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let caps = self.hard_caps(path, &problem.stations);
@@ -94,9 +99,15 @@ impl Situation<'_> {
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::unsmoothed(&problem, &plan).zip(progress) {
-                    Some((searched, progress)) => {
-                        Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, progress, plan, blocked }))
-                    }
+                    Some((searched, progress)) => Evaluation::Proven(Box::new(Proven {
+                        problem,
+                        guide_caps,
+                        searched,
+                        progress,
+                        plan,
+                        expansions,
+                        blocked,
+                    })),
                     None => Evaluation::Rejected { code: "no_profile", expansions },
                 }
             }

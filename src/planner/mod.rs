@@ -375,7 +375,7 @@ impl<'a> Planner<'a> {
                         note.rejected = Some(code);
                     }
                     Evaluation::Proven(proven) => {
-                        record.expansions += proven.plan.expansions;
+                        record.expansions += proven.expansions;
                         note.terms.delay = self.settings.lattice.weights.delay * (free - proven.progress).max(0.0);
                         note.cost = note.terms.total();
                         if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {

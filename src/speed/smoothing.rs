@@ -288,14 +288,12 @@ fn profile_of(
 #[cfg(test)]
 mod tests {
     use super::super::test_support::empty_road;
-    use super::super::{Resolution, SpeedOutcome, bounds, plan};
+    use super::super::{Resolution, Strategy, bounds, search};
     use super::*;
 
     fn searched(problem: &SpeedProblem) -> SpeedProfile {
-        match plan(problem, &Resolution::default()) {
-            SpeedOutcome::Proven(found) => unsmoothed(problem, &found).unwrap(),
-            SpeedOutcome::NoSafePlan { .. } => panic!("no plan"),
-        }
+        let found = search(problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
+        unsmoothed(problem, &found.proven().expect("a plan")).unwrap()
     }
 
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
