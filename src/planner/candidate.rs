@@ -7,8 +7,7 @@ use crate::lattice::LatticePath;
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
 use crate::speed::{
-    AccelerationLimits, Nothing, Resolution, SpeedOutcome, SpeedPlan, SpeedProblem, Strategy, TimeInterval, search,
-    smoothing,
+    AccelerationLimits, Nothing, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, search, smoothing,
 };
 use crate::trajectory::SpeedProfile;
 use crate::vehicle::Vehicle;
@@ -58,7 +57,6 @@ pub(super) struct Proven {
     pub(super) searched: SpeedProfile,
     /// Station that the whole searched plan has reached after [`DELAY_HORIZON`], m.
     pub(super) progress: f64,
-    pub(super) plan: SpeedPlan,
     pub(super) expansions: usize,
     /// Cells blocked on the path, for pictures.
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,

@@ -67,11 +67,15 @@ impl Front {
         self.closed.clear();
     }
 
-    /// Bytes for numbers of open and closed states. A hash set keeps a byte of control beside each slot and fills seven of
-    /// eight.
+    /// Bytes for numbers of open and closed states.
     fn bytes(open: usize, closed: usize) -> usize {
-        open * size_of::<Open>() + closed * (size_of::<u64>() + 1) * 8 / 7
+        open * size_of::<Open>() + hash_table_bytes::<u64>(closed)
     }
+}
+
+/// Bytes of a hash table with so many entries: there is a byte of control beside each slot, and seven of eight are filled.
+pub(super) fn hash_table_bytes<T>(entries: usize) -> usize {
+    entries * (size_of::<T>() + 1) * 8 / 7
 }
 
 /// What orders the open list; the smallest rank is expanded first. Ties go to the older node.
@@ -99,7 +103,7 @@ impl PartialOrd for Open {
 
 /// Multiplicative hashing of one `u64` key (Knuth, TAOCP 3, §6.4): the keys are small packed integers of our own.
 #[derive(Default)]
-struct KeyHasher(u64);
+pub(super) struct KeyHasher(u64);
 
 impl Hasher for KeyHasher {
     fn finish(&self) -> u64 {

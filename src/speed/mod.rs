@@ -23,6 +23,7 @@ mod outcome;
 mod outlook;
 mod plan_to_stop;
 mod problem;
+pub mod profiles;
 mod prove;
 mod safe_rts;
 mod safe_tlp;

@@ -5,7 +5,10 @@
 //! time, and of all others the steps alone (three bytes a state), from which the plan is played again. That is what makes ten
 //! million states fit into [`super::Resolution::memory`].
 
-use super::lattice::{Budget, Lattice, Phase, REST, Rules};
+use std::collections::HashMap;
+use std::hash::BuildHasherDefault;
+
+use super::lattice::{Budget, KeyHasher, Lattice, Phase, REST, Rules, hash_table_bytes};
 use super::{SpeedPlan, SpeedState};
 
 /// The best plan; `None` if no safe state is reachable, or if a budget ended the search before one was met.
@@ -50,37 +53,29 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
     best.map(|best| layers.plan(root, &rules, &best))
 }
 
-/// The speed and time bins of one station that were met: a row of bits for each speed.
+/// The speed and time bins of one station that were met: a bit each, in words of 64 neighbouring times. Words are few
+/// where bins are coarse, and exist only where something was met where they are fine.
 #[derive(Default)]
 struct Seen {
-    rows: Vec<Vec<u64>>,
-    /// Words in all rows.
-    words: usize,
+    words: HashMap<u64, u64, BuildHasherDefault<KeyHasher>>,
 }
 
 impl Seen {
     /// Whether the bin was not in it before.
     fn insert(&mut self, speed: usize, time: usize) -> bool {
-        if self.rows.len() <= speed {
-            self.rows.resize_with(speed + 1, Vec::new);
-        }
-        let row = &mut self.rows[speed];
-        let (word, bit) = (time / 64, 1 << (time % 64));
-        if row.len() <= word {
-            self.words += word + 1 - row.len();
-            row.resize(word + 1, 0);
-        }
-        let new = row[word] & bit == 0;
-        row[word] |= bit;
+        let word = self.words.entry((speed as u64) << 32 | time as u64 / 64).or_default();
+        let bit = 1 << (time % 64);
+        let new = *word & bit == 0;
+        *word |= bit;
         new
     }
 
     fn clear(&mut self) {
-        self.rows.iter_mut().for_each(|row| row.fill(0));
+        self.words.clear();
     }
 
     fn bytes(&self) -> usize {
-        self.words * size_of::<u64>() + self.rows.len() * size_of::<Vec<u64>>()
+        hash_table_bytes::<(u64, u64)>(self.words.len())
     }
 }
 

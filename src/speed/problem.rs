@@ -175,17 +175,29 @@ impl SpeedProblem {
         }
         let cap = self.caps.iter().copied().find(|c| c.is_nan() || *c < 0.0);
         value("cap", cap.unwrap_or(0.0), cap.is_none(), "a speed, not negative")?;
-        let AccelerationLimits { acceleration, deceleration, aggressive_deceleration } = self.limits;
-        let positive = |a: f64| a > 0.0 && a.is_finite();
-        value("acceleration", acceleration, positive(acceleration), "positive")?;
-        value("deceleration", deceleration, positive(deceleration), "positive")?;
-        let hardest = aggressive_deceleration;
-        let harder = hardest >= deceleration && hardest.is_finite();
-        value("aggressive deceleration", hardest, harder, "at least the comfortable one")?;
+        self.limits.validate()?;
         let speed = self.start_speed;
         value("start speed", speed, speed >= 0.0 && speed.is_finite(), "a speed, not negative")?;
         value("start time", self.start_time, self.start_time.is_finite(), "a time")?;
         value("horizon", self.horizon, !self.horizon.is_nan(), "a time")
+    }
+}
+
+impl AccelerationLimits {
+    /// Checks that every one is positive, and the aggressive deceleration at least the comfortable one.
+    ///
+    /// # Errors
+    /// The first that is wrong.
+    pub fn validate(&self) -> Result<(), ProblemError> {
+        let value = |what, value, holds: bool, expected| {
+            if holds { Ok(()) } else { Err(ProblemError::Value { what, value, expected }) }
+        };
+        let positive = |a: f64| a > 0.0 && a.is_finite();
+        value("acceleration", self.acceleration, positive(self.acceleration), "positive")?;
+        value("deceleration", self.deceleration, positive(self.deceleration), "positive")?;
+        let hardest = self.aggressive_deceleration;
+        let harder = hardest >= self.deceleration && hardest.is_finite();
+        value("aggressive deceleration", hardest, harder, "at least the comfortable one")
     }
 }
 
@@ -260,9 +272,9 @@ mod tests {
         assert!(named(&|p| p.horizon = f64::NAN).starts_with("horizon"));
         assert!(named(&|p| p.stations[3] = p.stations[2]).starts_with("station 3"));
         assert!(named(&|p| p.stations[20] = f64::INFINITY).starts_with("station 20"));
-        assert!(named(&|p| drop(p.caps.pop())).starts_with("caps has 20"));
-        assert!(named(&|p| drop(p.blocked.pop())).starts_with("blocked has 19"));
-        assert!(named(&|p| drop(p.rest_allowed.pop())).starts_with("rest_allowed"));
+        assert!(named(&|p| p.caps.truncate(20)).starts_with("caps has 20"));
+        assert!(named(&|p| p.blocked.truncate(19)).starts_with("blocked has 19"));
+        assert!(named(&|p| p.rest_allowed.truncate(20)).starts_with("rest_allowed"));
         assert!(named(&|p| p.stations.clear()).starts_with("number of stations"));
     }
 
