@@ -5,6 +5,7 @@
 
 pub mod polyline;
 pub mod quadrature;
+pub mod quintic;
 pub mod spiral;
 pub mod spiral_opt;
 
