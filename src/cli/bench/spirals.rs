@@ -47,7 +47,8 @@ fn to_json(comparison: &Comparison, checks: &[Check]) -> Value {
     put("problems", json!(comparison.problems.len()));
     put("bound_per_m", json!(BOUND));
     put("verdict", json!(if held(checks) { "pass" } else { "fail" }));
-    let check = |c: &Check| json!({ "name": c.name, "pass": c.pass, "value": c.value, "limit": c.limit, "unit": c.unit });
+    let check =
+        |c: &Check| json!({ "name": c.name, "pass": c.pass, "value": c.value, "limit": c.limit, "unit": c.unit });
     put("checks", checks.iter().map(check).collect());
     put("methods", comparison.rows.iter().map(row_to_json).collect());
     let hash = result::hash(&Value::Object(value.clone()), &[]);
@@ -109,13 +110,15 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
         "{count} lattice problem(s), seed {}: 10…40 m ahead, ±8 m across, ±0.5 rad, curvature ±0.1 1/m at both ends\n\n",
         comparison.settings.seed
     );
-    let head = [
-        "method", "problems", "solved", "median", "p99", "worst end", "worst", "largest", "mean", "energy", "over",
-    ];
+    let head =
+        ["method", "problems", "solved", "median", "p99", "worst end", "worst", "largest", "mean", "energy", "over"];
     let units = ["", "", "", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
     let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
     text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
-    let _ = writeln!(text, "\nbound: |κ| ≤ {BOUND} 1/m everywhere; the row where it bites is for the problems in which the free spiral breaks it");
+    let _ = writeln!(
+        text,
+        "\nbound: |κ| ≤ {BOUND} 1/m everywhere; the row where it bites is for the problems in which the free spiral breaks it"
+    );
     text.push('\n');
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let check = |c: &Check| {
