@@ -45,7 +45,7 @@ mod tests {
     #[test]
     fn problems_stay_what_they_were() {
         let problems = lattice_problems(SEED, 3);
-        let older = crate::geometry::spiral::tests::lattice_problems(3);
+        let older = crate::geometry::spiral::lattice_problems(3);
         for (p, (start, end, curvature)) in problems.iter().zip(older) {
             assert_eq!((p.start_curvature, p.end, p.end_curvature), (start, end, curvature));
         }

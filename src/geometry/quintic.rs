@@ -407,7 +407,7 @@ mod tests {
     use super::*;
     use crate::geometry::Point;
     use crate::geometry::spiral;
-    use crate::geometry::spiral::tests::lattice_problems;
+    use crate::geometry::spiral::lattice_problems;
     use proptest::prelude::*;
     use std::f64::consts::PI;
 

@@ -6,7 +6,7 @@
 use super::shooting::simpson_end;
 use crate::bench::problems::LatticeProblem;
 use crate::geometry::quintic::QuinticPath;
-use crate::geometry::spiral::CubicSpiral;
+use crate::geometry::spiral::{CubicSpiral, QuinticSpiral};
 use crate::geometry::{Pose, Vector, wrap_angle};
 
 /// Samples of the curvature along a curve, beside its closed form.
@@ -19,6 +19,8 @@ const INTERVALS: u32 = 4000;
 pub enum Curve {
     /// Cubic spiral.
     Cubic(CubicSpiral),
+    /// Quintic spiral.
+    Quintic(QuinticSpiral),
     /// Quintic polynomial path.
     Polynomial(QuinticPath),
 }
@@ -76,6 +78,10 @@ impl Curve {
                 let end: Vector = simpson_end(spiral, INTERVALS);
                 Pose { position: end.into(), yaw: spiral.heading_change(spiral.length) }
             }
+            Self::Quintic(spiral) => {
+                let end: Vector = simpson_end(spiral, INTERVALS);
+                Pose { position: end.into(), yaw: spiral.heading_change(spiral.length) }
+            }
             Self::Polynomial(path) => path.end(&Pose::new(0.0, 0.0, 0.0)),
         }
     }
@@ -85,6 +91,7 @@ impl Curve {
     pub fn curvature(&self, share: f64) -> f64 {
         match self {
             Self::Cubic(spiral) => spiral.curvature(share * spiral.length),
+            Self::Quintic(spiral) => spiral.curvature(share * spiral.length),
             Self::Polynomial(path) => path.curvature(share),
         }
     }
@@ -95,6 +102,7 @@ impl Curve {
     pub fn max_abs_curvature(&self) -> f64 {
         let known = match self {
             Self::Cubic(spiral) => spiral.max_abs_curvature(),
+            Self::Quintic(spiral) => spiral.max_abs_curvature(),
             Self::Polynomial(path) => path.max_abs_curvature(),
         };
         let samples = (0..=SAMPLES).map(|i| self.curvature(f64::from(i) / f64::from(SAMPLES)).abs());
@@ -106,6 +114,7 @@ impl Curve {
     pub fn bending_energy(&self) -> f64 {
         match self {
             Self::Cubic(spiral) => spiral.bending_energy(),
+            Self::Quintic(spiral) => spiral.bending_energy(),
             Self::Polynomial(path) => path.bending_energy(),
         }
     }
@@ -115,6 +124,7 @@ impl Curve {
     pub fn length(&self) -> f64 {
         match self {
             Self::Cubic(spiral) => spiral.length,
+            Self::Quintic(spiral) => spiral.length,
             Self::Polynomial(path) => path.length(),
         }
     }
@@ -125,6 +135,7 @@ impl Curve {
         let start = Pose::new(0.0, 0.0, 0.0);
         let samples = match self {
             Self::Cubic(spiral) => spiral.sampled(&start, intervals),
+            Self::Quintic(spiral) => spiral.sampled(&start, intervals),
             Self::Polynomial(path) => path.sampled(&start, intervals),
         };
         samples.into_iter().map(|(s, p)| (s, p.pose.position, p.curvature)).collect()

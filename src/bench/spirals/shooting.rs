@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::bench::problems::LatticeProblem;
-use crate::geometry::spiral::CubicSpiral;
+use crate::geometry::spiral::{CubicSpiral, Spiral};
 use crate::geometry::{Vector, wrap_angle};
 
 /// Intervals of Simpson's rule: a micrometre on 40 m, for one more digit 1.8 times as many.
@@ -57,7 +57,7 @@ fn residual(problem: &LatticeProblem, chord: f64, x: &Vector3<f64>) -> Vector3<f
 }
 
 /// The end of a spiral from the origin with heading 0 by Simpson's rule with an even number of intervals, m.
-pub(super) fn simpson_end(spiral: &CubicSpiral, intervals: u32) -> Vector {
+pub(super) fn simpson_end<const K: usize>(spiral: &Spiral<K>, intervals: u32) -> Vector {
     let h = spiral.length / f64::from(intervals);
     let direction = |i: u32| {
         let (sin, cos) = spiral.heading_change(h * f64::from(i)).sin_cos();

@@ -28,9 +28,11 @@ pub fn comparison(comparison: &Comparison) -> String {
     })
 }
 
-/// The methods with a curve of their own: the slow way finds the same spirals as Newton's method.
+/// The methods with a line of their own: those that answer every problem at its wanted end. The slow way is left out, it
+/// finds the same spirals as Newton's method.
 fn shown() -> impl Iterator<Item = Method> {
-    Method::ALL.into_iter().filter(|m| *m != Method::CubicShooting)
+    let hidden = [Method::CubicShooting, Method::CubicSoft, Method::CubicBounded, Method::QuinticBounded];
+    Method::ALL.into_iter().filter(move |m| !hidden.contains(m))
 }
 
 fn curvatures(comparison: &Comparison) -> Panel {

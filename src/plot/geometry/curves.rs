@@ -21,6 +21,8 @@ pub(super) fn colour(method: Method) -> &'static str {
     match method {
         Method::CubicNewton | Method::CubicShooting => style::DRIVEN,
         Method::CubicBounded => style::GOAL,
+        Method::CubicSoft => style::PLAN,
+        Method::QuinticSpiral | Method::QuinticBounded => style::VULNERABLE,
         Method::PolynomialChord => style::MOVING,
         Method::PolynomialLeastBending => style::WANTED,
     }
@@ -197,7 +199,7 @@ pub(super) fn bound() -> String {
 /// The kinds of curves between the same two ends, and what the free tangent length does to the polynomial.
 pub(super) fn beside_each_other() -> String {
     let problem = LatticeProblem { start_curvature: -0.05, end: Pose::new(16.0, 5.0, 0.35), end_curvature: -0.05 };
-    let methods = [Method::PolynomialLeastBending, Method::PolynomialChord, Method::CubicNewton];
+    let methods = [Method::PolynomialLeastBending, Method::PolynomialChord, Method::QuinticSpiral, Method::CubicNewton];
     let drawn: Vec<Drawn> = methods
         .iter()
         .filter_map(|m| m.solve(&problem).map(|Answer { curve, .. }| Drawn::new(curve, colour(*m), 2.2)))
@@ -228,6 +230,8 @@ pub(super) fn beside_each_other() -> String {
 
 fn described(method: Method) -> &'static str {
     match method {
+        Method::CubicNewton => "cubic spiral, no choice left",
+        Method::QuinticSpiral => "quintic spiral, least bending energy",
         Method::PolynomialChord => "quintic polynomial, tangents as long as the chord",
         Method::PolynomialLeastBending => "quintic polynomial, tangent length of least bending energy",
         _ => method.label(),
