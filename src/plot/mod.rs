@@ -15,9 +15,11 @@ pub(crate) mod example;
 pub mod geometry;
 pub(crate) mod motion;
 pub(crate) mod outline;
+pub mod safetlp;
 mod scene;
 pub(crate) mod style;
 mod svg;
+mod violin;
 
 use axes::{Area, Curve, LimitLine, Panel};
 use motion::{Motion, MotionSample, speed_limit_at};

@@ -121,6 +121,19 @@ impl SpeedOutcome {
         }
     }
 
+    /// Stable code of what the search came to.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Proven { .. } => "proven",
+            Self::Unproven { .. } => "unproven",
+            Self::Nothing { why: Nothing::CannotStop { .. }, .. } => "cannot_stop",
+            Self::Nothing { why: Nothing::NoSafeState, .. } => "no_safe_state",
+            Self::Nothing { why: Nothing::Spent(Budget::Expansions), .. } => "expansion_budget",
+            Self::Nothing { why: Nothing::Spent(Budget::Memory), .. } => "memory_budget",
+        }
+    }
+
     /// The plan whose stop is proven.
     #[must_use]
     pub fn proven(self) -> Option<SpeedPlan> {
