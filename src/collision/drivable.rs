@@ -103,6 +103,11 @@ impl DrivableArea {
         self.tree.intersect_aabb(aabb).map(|leaf| &self.segments[leaf as usize])
     }
 
+    /// The boundary segments and the hierarchy over them.
+    pub(super) fn boundary(&self) -> (&[Convex], &Bvh) {
+        (&self.segments, &self.tree)
+    }
+
     /// Whether the boundary meets the corners' hull.
     pub(super) fn boundary_meets(&self, aabb: &Aabb, shape: &mut SweptCorners) -> bool {
         self.near(aabb).any(|segment| boxes_meet(segment.aabb(), aabb) && segment.overlaps(shape))

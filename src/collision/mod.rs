@@ -18,14 +18,17 @@
 //! All poses are those of the rear axle, in world coordinates; times are seconds since time step 0 of the file.
 
 mod blocked;
+mod coarse;
 mod convert;
 mod convex;
+mod course;
 pub mod drivable;
 pub mod moving;
 pub mod statics;
 pub mod swept;
 
 pub use blocked::{BlockedGrid, BlockedInterval};
+pub use coarse::EdgeProbe;
 pub use drivable::DrivableArea;
 pub use moving::Predictions;
 pub use statics::{Allowance, Clearance, StaticHit, StaticWorld};
@@ -190,6 +193,19 @@ impl CollisionWorld {
         Sweep::along(&self.origin, &self.body, &self.settings, &swept::pieces_of(path))
     }
 
+    /// The check of a spiral against what does not move, coarse to fine and lazily: the answers of
+    /// [`CollisionWorld::static_hit_from_start`] and [`CollisionWorld::clearance`] without a [`Sweep`].
+    #[must_use]
+    pub fn probe(&self, start: &Pose, spiral: &CubicSpiral) -> EdgeProbe<'_> {
+        EdgeProbe::new(self, &[(*start, *spiral)])
+    }
+
+    /// [`CollisionWorld::probe`] of a whole path.
+    #[must_use]
+    pub fn probe_path(&self, path: &Path) -> EdgeProbe<'_> {
+        EdgeProbe::new(self, &swept::pieces_of(path))
+    }
+
     /// The first cell that meets a static obstacle or leaves the road, margins included.
     #[must_use]
     pub fn static_hit(&self, sweep: &Sweep) -> Option<StaticHit> {
@@ -238,9 +254,13 @@ fn origin_of(scenario: &Scenario) -> Origin {
     if scenario.network.lanelets.is_empty() { Origin::amid(poses.chain(starts)) } else { Origin::amid(bounds) }
 }
 
+/// Boxes are believed to be this much nearer than they are, m: so rounding decides nothing, and the least distance is the
+/// same in whatever order the pieces are asked.
+const ROUNDING: f64 = 1e-9;
+
 /// Distance from a convex polygon with the given box to the nearest piece, `cap` at most, m.
 fn nearest(tree: &Bvh, pieces: &[Convex], hull: &[Local], aabb: &Aabb, cap: f64) -> f64 {
-    let to_box = |node: &parry2d::partitioning::BvhNode, _| box_distance(&node.aabb(), aabb);
+    let to_box = |node: &parry2d::partitioning::BvhNode, _| box_distance(&node.aabb(), aabb) - ROUNDING;
     let to_piece = |leaf: u32, _| Some(pieces[leaf as usize].distance_to(hull));
     tree.find_best(cap, to_box, to_piece).map_or(cap, |(_, distance)| distance)
 }

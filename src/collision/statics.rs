@@ -14,6 +14,9 @@ use super::swept::{Body, FAN, Frame, Margins, Sweep, with_margins};
 use super::{Blocker, CollisionSettings, Overlap};
 use crate::map::{Motion, Scenario};
 
+/// Cell limits between two poses at which the clearance is measured.
+pub(super) const STRIDE: usize = 4;
+
 /// The first cell of a sweep that meets something static.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StaticHit {
@@ -129,7 +132,7 @@ impl StaticWorld {
             let mut corners = sweep.corners(cell, margins);
             let mut meets = |piece: &Convex| boxes_meet(piece.aabb(), &reach) && piece.overlaps(&mut corners);
             if let Some(hit) = obstacles.iter().find(|i| meets(&self.pieces[**i as usize])) {
-                return Some(StaticHit { station, cell, what: Blocker::Obstacle(self.ids[*hit as usize]) });
+                return Some(StaticHit { station, cell, what: self.blocker(*hit) });
             }
             if station < allowance.no_road_until {
                 return None;
@@ -142,12 +145,26 @@ impl StaticWorld {
         })
     }
 
+    /// The obstacles' pieces in order of their ids, and the hierarchy over them.
+    pub(super) fn obstacles(&self) -> (&[Convex], &Bvh) {
+        (&self.pieces, &self.tree)
+    }
+
+    /// What a piece of [`StaticWorld::obstacles`] belongs to.
+    pub(super) fn blocker(&self, piece: u32) -> Blocker {
+        Blocker::Obstacle(self.ids[piece as usize])
+    }
+
+    /// Margins to the obstacles and to the road's edge.
+    pub(super) fn margins(&self) -> (&Margins, &Margins) {
+        (&self.obstacle_margins, &self.road_margins)
+    }
+
     /// Distance of the vehicle's rectangle (no margins) to static obstacles and to the road's edge, the least over the
     /// poses at every fourth cell limit and the last one, each `cap` at most, m. Meant for costs, after
     /// [`StaticWorld::first_hit`] found nothing: between these poses it may be smaller by what a bend brings.
     #[must_use]
     pub fn clearance(&self, sweep: &Sweep, cap: f64) -> Clearance {
-        const STRIDE: usize = 4;
         let frames = sweep.frames();
         let mut least = Clearance { obstacle: cap, road: cap };
         for frame in frames.iter().step_by(STRIDE).chain(frames.last()) {

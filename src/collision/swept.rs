@@ -1,7 +1,7 @@
 //! The conservative swept footprint of a vehicle along a spiral or a path.
 //!
 //! # Technique
-//! The path is cut into cells of equal length, [`CollisionSettings::spacing`] at most. A cell's footprint is the convex
+//! Each spiral is cut into cells of equal length, [`CollisionSettings::spacing`] at most ([`super::course`]). A cell's footprint is the convex
 //! hull of the vehicle's rectangle at its two ends, each rectangle grown by ε on every side. As the hull of two
 //! rectangles grown by a disc is the hull of the grown rectangles, this contains everything within ε of the hull.
 //!
@@ -16,9 +16,8 @@
 //! A twice differentiable curve leaves the chord between its ends at s and s + h by at most h²/8 · max |X″| (the error
 //! of linear interpolation: the sagitta of the arc when X″ is constant). The chord lies in the hull of the two
 //! rectangles, hence ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (margins included) and with the largest
-//! |κ|, |κ′| of the cell. These are bounded by their values at the ends plus the same interpolation error,
-//! h²/8 · max |κ″| and h²/8 · |κ‴|, where κ″ is linear and κ‴ constant on a cubic spiral. The other points of the
-//! rectangle are convex combinations of its corners, so the bound for the corners is a bound for all.
+//! |κ|, |κ′| of the cell, which are bounded by their Bernstein coefficients on it. The other points of the rectangle
+//! are convex combinations of its corners, so the bound for the corners is a bound for all.
 //!
 //! # Weakness
 //! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. At the default spacing ε is 0.9 cm on a
@@ -31,6 +30,7 @@ use parry2d::bounding_volume::Aabb;
 
 use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
+use super::course::Course;
 use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
 use super::moving::KeptRuns;
 use crate::geometry::spiral::CubicSpiral;
@@ -108,8 +108,13 @@ impl Body {
         Aabb { mins: centre - extent, maxs: centre + extent }
     }
 
+    /// How far it reaches behind and ahead of the rear axle, m.
+    pub(super) fn overhangs(&self) -> (f64, f64) {
+        (self.rear.abs(), self.front.abs())
+    }
+
     /// Upper bound of |X″| over the rectangle (module docs), 1/m.
-    fn bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
+    pub(super) fn bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
         let (x, y) = (self.front.abs().max(self.rear.abs()), self.half_width);
         let (k, k1) = (curvature, curvature_rate);
         let (along, across) = (k1 * y + k * k * x, k + k1 * x + k * k * y);
@@ -167,32 +172,11 @@ impl Sweep {
         pieces: &[(Pose, CubicSpiral)],
     ) -> Self {
         let widest = body.grown(&settings.widest(), 0.0);
-        let most: usize =
-            1 + pieces.iter().map(|(_, spiral)| cells_for(spiral.length, settings.spacing)).sum::<usize>();
-        let (mut stations, mut frames) = (Vec::with_capacity(most), Vec::with_capacity(most));
-        let mut slack = Vec::with_capacity(most);
-        let mut before = 0.0;
-        for (start, spiral) in pieces {
-            let cells = cells_for(spiral.length, settings.spacing);
-            let h = spiral.length / cells as f64;
-            let bending = Bending::new(spiral);
-            let mut last: Option<(f64, f64)> = None;
-            for (s, point) in spiral.samples(&origin.local_pose(start), cells) {
-                let now = (point.curvature.abs(), point.curvature_rate.abs());
-                if let Some(then) = last {
-                    let (k, k1) = bending.bounds(then, now, h);
-                    slack.push(SKIN + 0.125 * h * h * widest.bend(k, k1));
-                } else if !frames.is_empty() {
-                    // the pieces join: this is the frame that the piece before ended with
-                    last = Some(now);
-                    continue;
-                }
-                stations.push(before + s);
-                frames.push(Frame::new(&point.pose));
-                last = Some(now);
-            }
-            before += spiral.length;
-        }
+        let mut course = Course::new(origin, (body, widest), settings.spacing, pieces);
+        let cells = course.cells();
+        let stations: Vec<f64> = (0..=cells).map(|limit| course.station(limit)).collect();
+        let frames: Vec<Frame> = (0..=cells).map(|limit| course.frame(limit)).collect();
+        let slack: Vec<f64> = (0..cells).map(|cell| course.cell_slack(cell)).collect();
         let boxes = frames.windows(2).zip(&slack).map(|(ends, slack)| {
             let body = body.grown(&Margins::NONE, *slack);
             merged(&body.aabb(&ends[0]), &body.aabb(&ends[1]))
@@ -272,40 +256,6 @@ impl Sweep {
 /// The pieces of a path, as [`Sweep::along`] wants them.
 pub(super) fn pieces_of(path: &Path) -> Vec<(Pose, CubicSpiral)> {
     path.pieces().map(|(_, start, spiral)| (*start, *spiral)).collect()
-}
-
-/// Cells of equal length, `spacing` at most.
-fn cells_for(length: f64, spacing: f64) -> usize {
-    /// A length that is a multiple of the spacing but for rounding gets no extra cell.
-    const ROUNDING: f64 = 1e-9;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of cells
-    let cells = (length / spacing - ROUNDING).ceil().max(1.0) as usize;
-    cells
-}
-
-/// Second and third derivative of the curvature of a cubic spiral by arc length.
-struct Bending {
-    /// Largest |κ″| on the spiral, 1/m³.
-    second: f64,
-    /// |κ‴|, 1/m⁴.
-    third: f64,
-}
-
-impl Bending {
-    fn new(spiral: &CubicSpiral) -> Self {
-        let [a, b, c, d] = spiral.knots;
-        let step = spiral.length / 3.0;
-        // the knots are equidistant: third difference, and the second differences extrapolated to both ends
-        let third = d - 3.0 * c + 3.0 * b - a;
-        let (first, last) = (c - 2.0 * b + a - third, d - 2.0 * c + b + third);
-        Self { second: first.abs().max(last.abs()) / step.powi(2), third: third.abs() / step.powi(3) }
-    }
-
-    /// Bounds of |κ| and |κ′| over a cell of length `h` from their values at its ends.
-    fn bounds(&self, from: (f64, f64), to: (f64, f64), h: f64) -> (f64, f64) {
-        let error = 0.125 * h * h;
-        (from.0.max(to.0) + error * self.second, from.1.max(to.1) + error * self.third)
-    }
 }
 
 /// Boxes of consecutive cells, merged eight by eight into levels: a bounding volume hierarchy that needs no building,

@@ -1,0 +1,326 @@
+//! The check of an edge against what does not move, coarse to fine.
+//!
+//! # Technique
+//! A block of cells ([`super::course`]) is asked about as a whole first: the hull of the bare body at its two ends,
+//! grown by the bound ε for the block's length, holds the footprints of all its cells. One query of the hierarchies
+//! finds what is near a block's box; what is farther than its margin from the block's hull is dropped, and only where
+//! something is left is the block halved, with that something alone, down to single cells. There the test is the very
+//! one of [`StaticWorld::first_hit`](super::StaticWorld::first_hit). Since the coarse hull holds all that the fine ones
+//! hold and the halves are visited in order, the answer is the same cell and the same blocker, to the bit.
+//!
+//! The clearance is measured at the same poses and with the same distances as
+//! [`StaticWorld::clearance`](super::StaticWorld::clearance), but only in blocks whose hull is nearer to something than
+//! the least distance so far.
+//!
+//! Frames, corners and hulls are made where they are asked for: on a free way beside the road's edge that is one frame
+//! and one hull for each block.
+//!
+//! # Weakness
+//! A block that runs along an obstacle or a bound at just its margin is halved everywhere, and costs more than the flat
+//! check. Nothing is kept: what an edge needs for its moving obstacles is a [`super::Sweep`].
+
+use parry2d::bounding_volume::Aabb;
+use parry2d::partitioning::Bvh;
+
+use super::convert::Local;
+use super::convex::{Convex, SweptCorners, box_distance, boxes_meet, grown};
+use super::course::{Course, Node};
+use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
+use super::swept::Margins;
+use super::{Blocker, CollisionWorld, ROUNDING};
+use crate::geometry::Pose;
+use crate::geometry::spiral::CubicSpiral;
+
+/// A spiral or path that is checked against the static world, without its swept footprint.
+#[derive(Debug, Clone)]
+pub struct EdgeProbe<'w> {
+    world: &'w CollisionWorld,
+    course: Course,
+    blocks: Vec<Node>,
+    /// What may meet the nodes that are being descended: indices of obstacle pieces and of boundary segments, those of a
+    /// node after those of its parent.
+    near: Near,
+}
+
+/// Indices into the static world.
+#[derive(Debug, Clone, Default)]
+struct Near {
+    obstacles: Vec<u32>,
+    boundary: Vec<u32>,
+}
+
+impl Near {
+    /// Where the next node's entries begin.
+    fn top(&self) -> (usize, usize) {
+        (self.obstacles.len(), self.boundary.len())
+    }
+
+    fn truncate(&mut self, (obstacles, boundary): (usize, usize)) {
+        self.obstacles.truncate(obstacles);
+        self.boundary.truncate(boundary);
+    }
+}
+
+impl<'w> EdgeProbe<'w> {
+    pub(super) fn new(world: &'w CollisionWorld, spirals: &[(Pose, CubicSpiral)]) -> Self {
+        let widest = world.body.grown(&world.settings.widest(), 0.0);
+        let course = Course::new(&world.origin, (&world.body, widest), world.settings.spacing, spirals);
+        let blocks = course.blocks();
+        Self { world, course, blocks, near: Near::default() }
+    }
+
+    /// Number of cells, at least one.
+    #[must_use]
+    pub fn cells(&self) -> usize {
+        self.course.cells()
+    }
+
+    /// The first cell that meets a static obstacle or leaves the road, margins included: equal to
+    /// [`CollisionWorld::static_hit_from_start`] of the sweep.
+    #[must_use]
+    pub fn static_hit(&mut self, allowance: &Allowance) -> Option<StaticHit> {
+        let cells = self.cells();
+        // the cells hang together: if no boundary meets them, all are inside as soon as one point is
+        let first_judged = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
+        let road = self.world.statics.road();
+        let stray = first_judged.filter(|limit| !road.contains_local(self.course.frame(*limit).at));
+        let stray = stray.map(|limit| limit.min(cells - 1));
+        let search = Search { allowance, last: stray.unwrap_or(cells - 1) };
+        for i in 0..self.blocks.len() {
+            let block = self.blocks[i];
+            if block.first > search.last {
+                break;
+            }
+            if let Some((cell, what)) = self.hit_in_block(&search, &block) {
+                return Some(StaticHit { station: self.course.station(cell), cell, what });
+            }
+        }
+        stray.map(|cell| StaticHit { station: self.course.station(cell), cell, what: Blocker::RoadBoundary })
+    }
+
+    /// Distances to static obstacles and to the road's edge without margins, `cap` at most, m: equal to
+    /// [`CollisionWorld::clearance`] of the sweep.
+    #[must_use]
+    pub fn clearance(&mut self, cap: f64) -> Clearance {
+        let mut least = Clearance { obstacle: cap, road: cap };
+        for i in 0..self.blocks.len() {
+            let block = self.blocks[i];
+            let poses = block.first.next_multiple_of(STRIDE)..block.end;
+            let is_last = i + 1 == self.blocks.len();
+            if poses.is_empty() && !is_last {
+                continue;
+            }
+            self.near.truncate((0, 0));
+            let hull = self.hull(&block);
+            let statics = &self.world.statics;
+            let ((pieces, tree), (segments, edge)) = (statics.obstacles(), statics.road().boundary());
+            hull.query(tree, pieces, least.obstacle, &mut self.near.obstacles);
+            hull.query(edge, segments, least.road, &mut self.near.boundary);
+            if self.near.top() == (0, 0) {
+                continue;
+            }
+            let last = is_last.then_some(block.end);
+            for limit in poses.step_by(STRIDE).chain(last) {
+                let corners = self.world.body.corners(&self.course.frame(limit));
+                let aabb = Aabb::from_points_ref(&corners);
+                least.obstacle = nearest(&self.near.obstacles, pieces, &corners, &aabb, least.obstacle);
+                least.road = nearest(&self.near.boundary, segments, &corners, &aabb, least.road);
+            }
+        }
+        least
+    }
+
+    fn hull(&mut self, node: &Node) -> NodeHull {
+        let (from, to) = (self.course.frame(node.first), self.course.frame(node.end));
+        let body = self.world.body.grown(&Margins::NONE, self.course.node_slack(node));
+        let [a, b, c, d] = body.corners(&from);
+        let [e, f, g, h] = body.corners(&to);
+        NodeHull::new([a, b, c, d, e, f, g, h], from.forward + to.forward)
+    }
+
+    fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<(usize, Blocker)> {
+        self.near.truncate((0, 0));
+        let mut hull = self.hull(block);
+        let statics = &self.world.statics;
+        let ((pieces, tree), (segments, edge)) = (statics.obstacles(), statics.road().boundary());
+        let (obstacle_margins, road_margins) = statics.margins();
+        hull.query(tree, pieces, obstacle_margins.reach(), &mut self.near.obstacles);
+        self.near.obstacles.sort_unstable();
+        if search.judges_road(self.course.station(block.end - 1)) {
+            hull.query(edge, segments, road_margins.reach(), &mut self.near.boundary);
+        }
+        if self.near.top() == (0, 0) {
+            return None;
+        }
+        let all = ((0, 0), self.near.top());
+        self.narrow(&mut hull, all);
+        let from = all.1;
+        let hit = if self.near.top() == from { None } else { self.descend(search, block, from) };
+        self.near.truncate((0, 0));
+        hit
+    }
+
+    /// Pushes those of the entries `from..to` that may meet the hull.
+    fn narrow(&mut self, hull: &mut NodeHull, (from, to): ((usize, usize), (usize, usize))) {
+        let statics = &self.world.statics;
+        let (obstacle_margins, road_margins) = statics.margins();
+        let narrow = |entries: &mut Vec<u32>, (from, to): (usize, usize), pieces: &[Convex], hull: &mut NodeHull, reach| {
+            for i in from..to {
+                let entry = entries[i];
+                if hull.may_meet(&pieces[entry as usize], reach) {
+                    entries.push(entry);
+                }
+            }
+        };
+        narrow(&mut self.near.obstacles, (from.0, to.0), statics.obstacles().0, hull, obstacle_margins.reach());
+        narrow(&mut self.near.boundary, (from.1, to.1), statics.road().boundary().0, hull, road_margins.reach());
+    }
+
+    /// The first cell of a node that meets one of the entries from `from` on.
+    fn descend(&mut self, search: &Search, node: &Node, from: (usize, usize)) -> Option<(usize, Blocker)> {
+        let to = self.near.top();
+        if node.cells() == 1 {
+            return self.blocker_of(search, node.first, from).map(|what| (node.first, what));
+        }
+        for half in node.halves() {
+            if half.cells() == 0 || half.first > search.last {
+                continue;
+            }
+            if half.cells() > 1 {
+                let mut hull = self.hull(&half);
+                self.narrow(&mut hull, (from, to));
+            } else if let Some(what) = self.blocker_of(search, half.first, from) {
+                return Some((half.first, what));
+            }
+            if self.near.top() != to {
+                let hit = self.descend(search, &half, to);
+                if hit.is_some() {
+                    return hit;
+                }
+            }
+            self.near.truncate(to);
+        }
+        None
+    }
+
+    /// The fine test of one cell.
+    fn blocker_of(&mut self, search: &Search, cell: usize, from: (usize, usize)) -> Option<Blocker> {
+        let statics = &self.world.statics;
+        let (obstacle_margins, road_margins) = statics.margins();
+        let station = self.course.station(cell);
+        let relaxed = station < search.allowance.no_margins_until;
+        let ends = [self.course.frame(cell), self.course.frame(cell + 1)];
+        let slack = self.course.cell_slack(cell);
+        let first = |entries: &[u32], pieces: &[Convex], margins: &Margins| {
+            if entries.is_empty() {
+                return None;
+            }
+            let body = self.world.body.grown(if relaxed { &Margins::NONE } else { margins }, slack);
+            let corners: [Local; 8] = std::array::from_fn(|i| body.corners(&ends[i / 4])[i % 4]);
+            let aabb = Aabb::from_points_ref(&corners);
+            let mut shape = SweptCorners::new(corners);
+            entries.iter().copied().find(|i| {
+                let piece = &pieces[*i as usize];
+                boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)
+            })
+        };
+        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles().0, obstacle_margins);
+        if let Some(piece) = obstacle {
+            return Some(statics.blocker(piece));
+        }
+        let on_edge = search.judges_road(station)
+            && first(&self.near.boundary[from.1..], statics.road().boundary().0, road_margins).is_some();
+        on_edge.then_some(Blocker::RoadBoundary)
+    }
+}
+
+/// What a search overlooks, and the last cell it is about.
+struct Search<'a> {
+    allowance: &'a Allowance,
+    last: usize,
+}
+
+impl Search<'_> {
+    fn judges_road(&self, station: f64) -> bool {
+        station >= self.allowance.no_road_until
+    }
+}
+
+/// The least distance of the polygon to the entries, `cap` at most, m.
+fn nearest(entries: &[u32], pieces: &[Convex], corners: &[Local], aabb: &Aabb, cap: f64) -> f64 {
+    entries.iter().fold(cap, |least, i| {
+        let piece = &pieces[*i as usize];
+        if box_distance(piece.aabb(), aabb) - ROUNDING < least { least.min(piece.distance_to(corners)) } else { least }
+    })
+}
+
+/// The coarse hull of a node, without margins.
+struct NodeHull {
+    corners: SweptCorners,
+    aabb: Aabb,
+    /// Turned box.
+    centre: Local,
+    forward: Local,
+    half: Local,
+    /// Outward unit normals of the hull's edges with the hull's extent along them, once needed.
+    edges: Option<([(Local, f64); 8], usize)>,
+}
+
+impl NodeHull {
+    /// `along` is about its direction, of any length.
+    fn new(corners: [Local; 8], along: Local) -> Self {
+        let aabb = Aabb::from_points_ref(&corners);
+        let forward = along.try_normalize().unwrap_or(Local::X);
+        let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
+        for p in corners {
+            let d = p - corners[0];
+            let turned = Local::new(d.dot(forward), forward.perp_dot(d));
+            (low, high) = (low.min(turned), high.max(turned));
+        }
+        let centre = corners[0] + forward.rotate(0.5 * (low + high));
+        Self { corners: SweptCorners::new(corners), aabb, centre, forward, half: 0.5 * (high - low), edges: None }
+    }
+
+    /// Pushes the pieces whose boxes are within `reach` of the upright and of the turned box.
+    fn query(&self, tree: &Bvh, pieces: &[Convex], reach: f64, found: &mut Vec<u32>) {
+        let aabb = grown(&self.aabb, reach);
+        found.extend(tree.intersect_aabb(&aabb).filter(|i| self.near_turned_box(&pieces[*i as usize], reach)));
+    }
+
+    /// False only if the piece stays further than `reach` from the turned box.
+    fn near_turned_box(&self, piece: &Convex, reach: f64) -> bool {
+        let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
+        for p in piece.points() {
+            let d = *p - self.centre;
+            let turned = Local::new(d.dot(self.forward), self.forward.perp_dot(d));
+            (low, high) = (low.min(turned), high.max(turned));
+        }
+        let reach = self.half + Local::splat(reach + piece.radius());
+        low.cmple(reach).all() && high.cmpge(-reach).all()
+    }
+
+    /// False only if the piece stays further than `reach` from the hull.
+    fn may_meet(&mut self, piece: &Convex, reach: f64) -> bool {
+        let reach = reach + piece.radius();
+        let (edges, n) = self.edges();
+        edges[..*n].iter().all(|(outward, extent)| {
+            let limit = extent + reach;
+            piece.points().iter().any(|p| outward.dot(*p) <= limit)
+        })
+    }
+
+    fn edges(&mut self) -> &([(Local, f64); 8], usize) {
+        self.edges.get_or_insert_with(|| {
+            let hull = self.corners.hull();
+            let mut edges = [(Local::ZERO, 0.0); 8];
+            let n = hull.len().min(edges.len());
+            let mut from = hull[hull.len() - 1];
+            for (edge, &to) in edges.iter_mut().zip(hull) {
+                let outward = Local::new(to.y - from.y, from.x - to.x).normalize_or_zero();
+                *edge = (outward, outward.dot(from));
+                from = to;
+            }
+            (edges, n)
+        })
+    }
+}
