@@ -19,14 +19,16 @@
 //! A block that runs along an obstacle or a bound at just its margin is halved everywhere, and costs more than the flat
 //! check. Nothing is kept: what an edge needs for its moving obstacles is a [`super::Sweep`].
 
+use std::ops::Range;
+
 use parry2d::bounding_volume::Aabb;
-use parry2d::partitioning::Bvh;
 
 use super::convert::Local;
-use super::convex::{Convex, SweptCorners, box_distance, boxes_meet, grown};
+use super::convex::{Convex, SweptCorners, boxes_meet};
 use super::course::{Course, Node};
 use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
 use super::swept::Margins;
+use super::wide::TurnedBox;
 use super::{Blocker, CollisionWorld, ROUNDING};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
@@ -43,7 +45,7 @@ pub struct EdgeProbe<'w> {
 }
 
 /// Indices into the static world.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Near {
     obstacles: Vec<u32>,
     boundary: Vec<u32>,
@@ -66,7 +68,7 @@ impl<'w> EdgeProbe<'w> {
         let widest = world.body.grown(&world.settings.widest(), 0.0);
         let course = Course::new(&world.origin, (&world.body, widest), world.settings.spacing, spirals);
         let blocks = course.blocks();
-        Self { world, course, blocks, near: Near::default() }
+        Self { world, course, blocks, near: Near { obstacles: Vec::with_capacity(32), boundary: Vec::with_capacity(32) } }
     }
 
     /// Number of cells, at least one.
@@ -110,21 +112,22 @@ impl<'w> EdgeProbe<'w> {
             if poses.is_empty() && !is_last {
                 continue;
             }
-            self.near.truncate((0, 0));
-            let hull = self.hull(&block);
-            let statics = &self.world.statics;
-            let ((pieces, tree), (segments, edge)) = (statics.obstacles(), statics.road().boundary());
-            hull.query(tree, pieces, least.obstacle, &mut self.near.obstacles);
-            hull.query(edge, segments, least.road, &mut self.near.boundary);
-            if self.near.top() == (0, 0) {
+            let mut hull = self.hull(&block);
+            let reach = (least.obstacle, least.road);
+            self.query(&hull, reach);
+            let found = self.near.top();
+            self.narrow(&mut hull, ((0, 0), found), reach);
+            if self.near.top() == found {
                 continue;
             }
+            let (pieces, segments) = (self.world.statics.obstacles(), self.world.statics.road().boundary());
             let last = is_last.then_some(block.end);
             for limit in poses.step_by(STRIDE).chain(last) {
-                let corners = self.world.body.corners(&self.course.frame(limit));
-                let aabb = Aabb::from_points_ref(&corners);
-                least.obstacle = nearest(&self.near.obstacles, pieces, &corners, &aabb, least.obstacle);
-                least.road = nearest(&self.near.boundary, segments, &corners, &aabb, least.road);
+                let frame = self.course.frame(limit);
+                let corners = self.world.body.corners(&frame);
+                let turned = TurnedBox::around(&corners, frame.forward);
+                least.obstacle = nearest(&self.near.obstacles[found.0..], pieces, (&corners, &turned), least.obstacle);
+                least.road = nearest(&self.near.boundary[found.1..], segments, (&corners, &turned), least.road);
             }
         }
         least
@@ -139,41 +142,54 @@ impl<'w> EdgeProbe<'w> {
     }
 
     fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<(usize, Blocker)> {
-        self.near.truncate((0, 0));
         let mut hull = self.hull(block);
-        let statics = &self.world.statics;
-        let ((pieces, tree), (segments, edge)) = (statics.obstacles(), statics.road().boundary());
-        let (obstacle_margins, road_margins) = statics.margins();
-        hull.query(tree, pieces, obstacle_margins.reach(), &mut self.near.obstacles);
-        self.near.obstacles.sort_unstable();
-        if search.judges_road(self.course.station(block.end - 1)) {
-            hull.query(edge, segments, road_margins.reach(), &mut self.near.boundary);
+        self.query(&hull, self.reach());
+        if !search.judges_road(self.course.station(block.end - 1)) {
+            self.near.boundary.clear();
         }
-        if self.near.top() == (0, 0) {
+        let found = self.near.top();
+        if found == (0, 0) {
             return None;
         }
-        let all = ((0, 0), self.near.top());
-        self.narrow(&mut hull, all);
-        let from = all.1;
-        let hit = if self.near.top() == from { None } else { self.descend(search, block, from) };
-        self.near.truncate((0, 0));
-        hit
+        self.near.obstacles.sort_unstable();
+        self.narrow(&mut hull, ((0, 0), found), self.reach());
+        if self.near.top() == found { None } else { self.descend(search, block, found) }
     }
 
-    /// Pushes those of the entries `from..to` that may meet the hull.
-    fn narrow(&mut self, hull: &mut NodeHull, (from, to): ((usize, usize), (usize, usize))) {
+    /// Finds the obstacle pieces and the boundary segments within a reach of a hull's turned box.
+    fn query(&mut self, hull: &NodeHull, (obstacles, road): (f64, f64)) {
+        self.near.truncate((0, 0));
         let statics = &self.world.statics;
-        let (obstacle_margins, road_margins) = statics.margins();
-        let narrow = |entries: &mut Vec<u32>, (from, to): (usize, usize), pieces: &[Convex], hull: &mut NodeHull, reach| {
-            for i in from..to {
-                let entry = entries[i];
-                if hull.may_meet(&pieces[entry as usize], reach) {
-                    entries.push(entry);
+        let (pieces, segments) = (statics.obstacles(), statics.road().boundary());
+        let near = &mut self.near;
+        statics.everything().visit(&hull.turned, obstacles.max(road), |leaf| {
+            #[allow(clippy::cast_possible_truncation)] // there are not 2³¹ pieces
+            if let Some(piece) = pieces.get(leaf) {
+                if hull.turned.gap_to(piece) <= obstacles {
+                    near.obstacles.push(leaf as u32);
                 }
+            } else if hull.turned.gap_to(&segments[leaf - pieces.len()]) <= road {
+                near.boundary.push((leaf - pieces.len()) as u32);
             }
-        };
-        narrow(&mut self.near.obstacles, (from.0, to.0), statics.obstacles().0, hull, obstacle_margins.reach());
-        narrow(&mut self.near.boundary, (from.1, to.1), statics.road().boundary().0, hull, road_margins.reach());
+        });
+    }
+
+    /// How far the margins to obstacles and to the road's edge reach, m.
+    fn reach(&self) -> (f64, f64) {
+        let (obstacles, road) = self.world.statics.margins();
+        (obstacles.reach(), road.reach())
+    }
+
+    /// Pushes those of the entries `from..to` that may be within reach of the hull.
+    fn narrow(
+        &mut self,
+        hull: &mut NodeHull,
+        (from, to): ((usize, usize), (usize, usize)),
+        (obstacles, road): (f64, f64),
+    ) {
+        let statics = &self.world.statics;
+        hull.keep(&mut self.near.obstacles, from.0..to.0, statics.obstacles(), obstacles);
+        hull.keep(&mut self.near.boundary, from.1..to.1, statics.road().boundary(), road);
     }
 
     /// The first cell of a node that meets one of the entries from `from` on.
@@ -188,7 +204,7 @@ impl<'w> EdgeProbe<'w> {
             }
             if half.cells() > 1 {
                 let mut hull = self.hull(&half);
-                self.narrow(&mut hull, (from, to));
+                self.narrow(&mut hull, (from, to), self.reach());
             } else if let Some(what) = self.blocker_of(search, half.first, from) {
                 return Some((half.first, what));
             }
@@ -224,12 +240,12 @@ impl<'w> EdgeProbe<'w> {
                 boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)
             })
         };
-        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles().0, obstacle_margins);
+        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles(), obstacle_margins);
         if let Some(piece) = obstacle {
             return Some(statics.blocker(piece));
         }
         let on_edge = search.judges_road(station)
-            && first(&self.near.boundary[from.1..], statics.road().boundary().0, road_margins).is_some();
+            && first(&self.near.boundary[from.1..], statics.road().boundary(), road_margins).is_some();
         on_edge.then_some(Blocker::RoadBoundary)
     }
 }
@@ -246,22 +262,19 @@ impl Search<'_> {
     }
 }
 
-/// The least distance of the polygon to the entries, `cap` at most, m.
-fn nearest(entries: &[u32], pieces: &[Convex], corners: &[Local], aabb: &Aabb, cap: f64) -> f64 {
-    entries.iter().fold(cap, |least, i| {
-        let piece = &pieces[*i as usize];
-        if box_distance(piece.aabb(), aabb) - ROUNDING < least { least.min(piece.distance_to(corners)) } else { least }
+/// The least distance of the body, by its corners and the box around them, to the entries, `cap` at most, m.
+fn nearest(entries: &[u32], pieces: &[Convex], (corners, turned): (&[Local], &TurnedBox), cap: f64) -> f64 {
+    entries.iter().map(|i| &pieces[*i as usize]).fold(cap, |least, piece| {
+        if turned.gap_to(piece) - ROUNDING < least { least.min(piece.distance_to(corners)) } else { least }
     })
 }
 
 /// The coarse hull of a node, without margins.
+#[derive(Debug, Clone)]
 struct NodeHull {
     corners: SweptCorners,
-    aabb: Aabb,
-    /// Turned box.
-    centre: Local,
-    forward: Local,
-    half: Local,
+    /// A box around it, turned along the path.
+    turned: TurnedBox,
     /// Outward unit normals of the hull's edges with the hull's extent along them, once needed.
     edges: Option<([(Local, f64); 8], usize)>,
 }
@@ -269,34 +282,17 @@ struct NodeHull {
 impl NodeHull {
     /// `along` is about its direction, of any length.
     fn new(corners: [Local; 8], along: Local) -> Self {
-        let aabb = Aabb::from_points_ref(&corners);
-        let forward = along.try_normalize().unwrap_or(Local::X);
-        let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
-        for p in corners {
-            let d = p - corners[0];
-            let turned = Local::new(d.dot(forward), forward.perp_dot(d));
-            (low, high) = (low.min(turned), high.max(turned));
-        }
-        let centre = corners[0] + forward.rotate(0.5 * (low + high));
-        Self { corners: SweptCorners::new(corners), aabb, centre, forward, half: 0.5 * (high - low), edges: None }
+        Self { corners: SweptCorners::new(corners), turned: TurnedBox::around(&corners, along), edges: None }
     }
 
-    /// Pushes the pieces whose boxes are within `reach` of the upright and of the turned box.
-    fn query(&self, tree: &Bvh, pieces: &[Convex], reach: f64, found: &mut Vec<u32>) {
-        let aabb = grown(&self.aabb, reach);
-        found.extend(tree.intersect_aabb(&aabb).filter(|i| self.near_turned_box(&pieces[*i as usize], reach)));
-    }
-
-    /// False only if the piece stays further than `reach` from the turned box.
-    fn near_turned_box(&self, piece: &Convex, reach: f64) -> bool {
-        let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
-        for p in piece.points() {
-            let d = *p - self.centre;
-            let turned = Local::new(d.dot(self.forward), self.forward.perp_dot(d));
-            (low, high) = (low.min(turned), high.max(turned));
+    /// Appends those of the entries in the range that may be within `reach`.
+    fn keep(&mut self, entries: &mut Vec<u32>, range: Range<usize>, pieces: &[Convex], reach: f64) {
+        for i in range {
+            let entry = entries[i];
+            if self.may_meet(&pieces[entry as usize], reach) {
+                entries.push(entry);
+            }
         }
-        let reach = self.half + Local::splat(reach + piece.radius());
-        low.cmple(reach).all() && high.cmpge(-reach).all()
     }
 
     /// False only if the piece stays further than `reach` from the hull.

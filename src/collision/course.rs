@@ -350,3 +350,108 @@ impl Course {
 fn slack(body: &Body, (k, k1): (f64, f64), h: f64) -> f64 {
     SKIN + 0.125 * h * h * body.bend(k, k1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collision::Margins;
+    use crate::geometry::{Point, Vector};
+    use proptest::prelude::*;
+
+    fn body() -> Body {
+        Body::of_rectangle(-0.83, 3.68, 0.805)
+    }
+
+    fn spirals() -> impl Strategy<Value = CubicSpiral> {
+        let k = -0.25..0.25f64;
+        ([k.clone(), k.clone(), k.clone(), k], 0.3..60.0f64).prop_map(|(knots, length)| CubicSpiral { knots, length })
+    }
+
+    fn course(start: &Pose, spirals: &[CubicSpiral], spacing: f64) -> Course {
+        let mut at = *start;
+        let placed = spirals.iter().map(|s| {
+            let here = at;
+            at = s.end(&at);
+            (here, *s)
+        });
+        let placed: Vec<_> = placed.collect();
+        Course::new(&Origin::amid([&Point::new(0.0, 0.0)]), (&body(), body().grown(&Margins::uniform(0.3), 0.0)), spacing, &placed)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+
+        /// Frames are those of the spiral's own quadrature, also over several pieces.
+        #[test]
+        fn frames_are_on_the_spiral(first in spirals(), second in spirals(), yaw in -3.0..3.0f64, spacing in 0.05..2.0f64) {
+            let start = Pose::new(12.0, -7.0, yaw);
+            let mut course = course(&start, &[first, second], spacing);
+            for limit in 0..=course.cells() {
+                let s = course.station(limit);
+                let pose = if s <= first.length { first.point_at(&start, s).pose } else { second.point_at(&first.end(&start), s - first.length).pose };
+                let frame = course.frame(limit);
+                let off = Vector::new(frame.at.x - pose.position.x, frame.at.y - pose.position.y).norm();
+                prop_assert!(off < 1e-8, "{off} m off at {s} of {first:?} {second:?}");
+                prop_assert!((frame.forward - Local::new(pose.yaw.cos(), pose.yaw.sin())).length() < 1e-9);
+            }
+        }
+
+        /// Whatever is asked first, the bits are the same.
+        #[test]
+        fn frames_do_not_depend_on_the_order_of_asking(first in spirals(), second in spirals(), seed in 0..1000usize) {
+            let start = Pose::new(12.0, -7.0, 0.3);
+            let mut in_order = course(&start, &[first, second], 0.5);
+            let mut at_random = in_order.clone();
+            let n = in_order.cells();
+            let all: Vec<Frame> = (0..=n).map(|i| in_order.frame(i)).collect();
+            for i in 0..=n {
+                let limit = (i * 7919 + seed) % (n + 1);
+                prop_assert_eq!(at_random.frame(limit), all[limit]);
+            }
+        }
+
+        /// Blocks and their halves cover every cell once, in order.
+        #[test]
+        fn nodes_cover_all_cells_in_order(first in spirals(), second in spirals(), spacing in 0.05..2.0f64) {
+            let course = course(&Pose::new(0.0, 0.0, 0.0), &[first, second], spacing);
+            let mut next = 0;
+            let mut open: Vec<Node> = course.blocks().into_iter().rev().collect();
+            while let Some(node) = open.pop() {
+                match node.cells() {
+                    0 => {}
+                    1 => {
+                        prop_assert_eq!(node.first, next);
+                        next += 1;
+                    }
+                    _ => open.extend(node.halves().into_iter().rev()),
+                }
+            }
+            prop_assert_eq!(next, course.cells());
+        }
+
+        /// The bounds hold at all points and for all parts.
+        #[test]
+        fn curvature_bounds_hold(spiral in spirals(), from in 0.0..1.0f64, to in 0.0..1.0f64) {
+            let course = course(&Pose::new(0.0, 0.0, 0.0), &[spiral], 0.05);
+            let n = course.cells();
+            let limit = |share: f64| (share * n as f64) as usize;
+            let (a, b) = (limit(from.min(to)), limit(from.max(to)) + 1);
+            let piece = &course.pieces[0];
+            let (k, k1) = piece.stretch(a, b.min(n).max(a + 1)).bounds();
+            for i in a..=b.min(n) {
+                let s = course.station(i).min(spiral.length);
+                prop_assert!(spiral.curvature(s).abs() <= k + 1e-12);
+                prop_assert!(spiral.curvature_rate(s).abs() <= k1 + 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn absurd_curvature_is_cut_in_bounded_time() {
+        for knots in [[1e6, -1e6, 1e6, 0.0], [f64::NAN; 4], [f64::INFINITY; 4]] {
+            let mut course = course(&Pose::new(0.0, 0.0, 0.0), &[CubicSpiral { knots, length: 50.0 }], 0.5);
+            assert!(course.cells() <= 100 * MOST_CUTS);
+            let _ = course.frame(course.cells());
+        }
+    }
+}

@@ -103,9 +103,9 @@ impl DrivableArea {
         self.tree.intersect_aabb(aabb).map(|leaf| &self.segments[leaf as usize])
     }
 
-    /// The boundary segments and the hierarchy over them.
-    pub(super) fn boundary(&self) -> (&[Convex], &Bvh) {
-        (&self.segments, &self.tree)
+    /// The boundary segments.
+    pub(super) fn boundary(&self) -> &[Convex] {
+        &self.segments
     }
 
     /// Whether the boundary meets the corners' hull.

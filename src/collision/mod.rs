@@ -26,6 +26,7 @@ pub mod drivable;
 pub mod moving;
 pub mod statics;
 pub mod swept;
+mod wide;
 
 pub use blocked::{BlockedGrid, BlockedInterval};
 pub use coarse::EdgeProbe;

@@ -11,6 +11,7 @@ use super::convert::Origin;
 use super::convex::{Convex, boxes_meet};
 use super::drivable::{DrivableArea, OUTSIDE};
 use super::swept::{Body, FAN, Frame, Margins, Sweep, with_margins};
+use super::wide::WideTree;
 use super::{Blocker, CollisionSettings, Overlap};
 use crate::map::{Motion, Scenario};
 
@@ -61,6 +62,8 @@ pub struct StaticWorld {
     /// Obstacle of each piece.
     ids: Vec<i64>,
     tree: Bvh,
+    /// Over the pieces and, numbered after them, the boundary's segments.
+    everything: WideTree,
     obstacle_margins: Margins,
     road_margins: Margins,
 }
@@ -77,8 +80,10 @@ impl StaticWorld {
         found.sort_by_key(|(id, _)| *id);
         let (ids, pieces): (Vec<i64>, Vec<Convex>) = found.into_iter().unzip();
         let boxes: Vec<Aabb> = pieces.iter().map(|p| *p.aabb()).collect();
+        let road = DrivableArea::with_origin(&scenario.network, origin);
         Self {
-            road: DrivableArea::with_origin(&scenario.network, origin),
+            everything: WideTree::new(pieces.iter().chain(road.boundary()).map(|p| *p.aabb())),
+            road,
             tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
             pieces,
             ids,
@@ -145,9 +150,14 @@ impl StaticWorld {
         })
     }
 
-    /// The obstacles' pieces in order of their ids, and the hierarchy over them.
-    pub(super) fn obstacles(&self) -> (&[Convex], &Bvh) {
-        (&self.pieces, &self.tree)
+    /// The obstacles' pieces in order of their ids.
+    pub(super) fn obstacles(&self) -> &[Convex] {
+        &self.pieces
+    }
+
+    /// The hierarchy over the obstacles' pieces and, numbered after them, the boundary's segments.
+    pub(super) fn everything(&self) -> &WideTree {
+        &self.everything
     }
 
     /// What a piece of [`StaticWorld::obstacles`] belongs to.

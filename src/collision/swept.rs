@@ -82,6 +82,12 @@ impl Body {
         Self { rear: rear_right.x, front: front_left.x, half_width: front_left.y }
     }
 
+    /// From its reach behind (negative) and ahead of the rear axle and its half width, m.
+    #[cfg(test)]
+    pub(super) fn of_rectangle(rear: f64, front: f64, half_width: f64) -> Self {
+        Self { rear, front, half_width }
+    }
+
     /// Grown by the margins and by `slack` on every side.
     pub(super) fn grown(&self, margins: &Margins, slack: f64) -> Self {
         let along = margins.longitudinal + slack;
