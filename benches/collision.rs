@@ -74,6 +74,7 @@ fn world(moving: usize) -> CollisionWorld {
         time_step: 0.1,
         network: RoadNetwork { lanelets: road().into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
         obstacles: obstacles.collect(),
+        occupancy: None,
         problems: vec![],
         issues: vec![],
     };

@@ -105,6 +105,7 @@ fn scenario() -> Scenario {
         time_step: 0.1,
         network: network(),
         obstacles: driven.chain(parked).map(obstacle).collect(),
+        occupancy: None,
         problems: vec![problem()],
         issues: vec![],
     }

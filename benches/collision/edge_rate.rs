@@ -58,7 +58,12 @@ fn world() -> CollisionWorld {
         let l = if left { 5.25 + 0.9 + gap } else { -1.75 - 0.9 - gap };
         let (place, _) = node(2.0 + 2.0 * id as f64, l);
         let place = Pose { yaw: place.yaw + random.within(-0.1, 0.1), ..place };
-        Obstacle { id, kind: ObstacleKind::ParkedVehicle, shape: Shape::rectangle(4.5, 1.8), motion: Motion::Static(place) }
+        Obstacle {
+            id,
+            kind: ObstacleKind::ParkedVehicle,
+            shape: Shape::rectangle(4.5, 1.8),
+            motion: Motion::Static(place),
+        }
     });
     let bound = |l: f64| {
         stopline::geometry::polyline::Polyline::new((0..=125).map(|i| node(2.0 * f64::from(i), l).0.position)).unwrap()
@@ -70,6 +75,7 @@ fn world() -> CollisionWorld {
         time_step: 0.1,
         network: RoadNetwork { lanelets: lanes.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
         obstacles: obstacles.collect(),
+        occupancy: None,
         problems: vec![],
         issues: vec![],
     };

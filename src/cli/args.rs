@@ -47,6 +47,10 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE.toml")]
     pub(super) config: Option<PathBuf>,
 
+    /// Occupancy grid of ROS in the scenario's coordinates: its occupied cells are obstacles, too.
+    #[arg(long, value_name = "FILE.yaml")]
+    pub(super) grid: Option<PathBuf>,
+
     /// Which planning problem of the file; needed if it has several.
     #[arg(long, value_name = "ID", allow_negative_numbers = true)]
     pub(super) problem: Option<i64>,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::Failure;
 use super::args::{Command, RunArgs};
 use super::engine::Settings;
-use crate::io::{commonroad, files};
+use crate::io::{commonroad, files, ros_map};
 use crate::map::{PlanningProblem, Scenario};
 use crate::vehicle::{self, Vehicle};
 
@@ -56,10 +56,11 @@ impl Command {
 
 impl Job {
     fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
-        let inputs = [Some(args.scenario.as_path()), args.config.as_deref()];
+        let inputs = [Some(args.scenario.as_path()), args.config.as_deref(), args.grid.as_deref()];
         let outputs = Outputs { json: args.json, csv: args.csv, solution: args.solution, svg: args.svg, rrd: args.rrd };
         outputs.check(&inputs)?;
-        let scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
+        let mut scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
+        scenario.occupancy = args.grid.as_deref().map(ros_map::read_file).transpose().map_err(Failure::file)?;
         let problem = choose(&scenario, args.problem, &args.scenario)?;
         let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;

@@ -68,7 +68,12 @@ impl<'w> EdgeProbe<'w> {
         let widest = world.body.grown(&world.settings.widest(), 0.0);
         let course = Course::new(&world.origin, (&world.body, widest), world.settings.spacing, spirals);
         let blocks = course.blocks();
-        Self { world, course, blocks, near: Near { obstacles: Vec::with_capacity(32), boundary: Vec::with_capacity(32) } }
+        Self {
+            world,
+            course,
+            blocks,
+            near: Near { obstacles: Vec::with_capacity(32), boundary: Vec::with_capacity(32) },
+        }
     }
 
     /// Number of cells, at least one.

@@ -183,7 +183,17 @@ impl Piece {
         }
         let frame = Frame::new(start);
         let (first_cell, first_station) = first;
-        Self { start: frame, yaw: start.yaw, powers, length, cells, block, first_cell, first_station, reached: (0, frame) }
+        Self {
+            start: frame,
+            yaw: start.yaw,
+            powers,
+            length,
+            cells,
+            block,
+            first_cell,
+            first_station,
+            reached: (0, frame),
+        }
     }
 
     /// Arc length at a cell limit, m from the start of the piece.
@@ -196,8 +206,12 @@ impl Piece {
         let length = self.along(to) - s;
         let [a, b, c, d] = self.powers;
         let h = length;
-        let powers =
-            [a + s * (b + s * (c + s * d)), h * (b + s * (2.0 * c + s * 3.0 * d)), h * h * (c + 3.0 * s * d), h * h * h * d];
+        let powers = [
+            a + s * (b + s * (c + s * d)),
+            h * (b + s * (2.0 * c + s * 3.0 * d)),
+            h * h * (c + 3.0 * s * d),
+            h * h * h * d,
+        ];
         Stretch { powers, length }
     }
 
@@ -375,7 +389,12 @@ mod tests {
             (here, *s)
         });
         let placed: Vec<_> = placed.collect();
-        Course::new(&Origin::amid([&Point::new(0.0, 0.0)]), (&body(), body().grown(&Margins::uniform(0.3), 0.0)), spacing, &placed)
+        Course::new(
+            &Origin::amid([&Point::new(0.0, 0.0)]),
+            (&body(), body().grown(&Margins::uniform(0.3), 0.0)),
+            spacing,
+            &placed,
+        )
     }
 
     proptest! {

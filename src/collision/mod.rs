@@ -61,6 +61,8 @@ pub struct CollisionSettings {
     pub moving_obstacles: Margins,
     /// Distance kept from the road's edge, m.
     pub road: f64,
+    /// Whether cells of an occupancy grid that nobody knows count as occupied.
+    pub unknown_is_occupied: bool,
 }
 
 impl Default for CollisionSettings {
@@ -71,6 +73,7 @@ impl Default for CollisionSettings {
             static_obstacles: Margins::uniform(0.2),
             moving_obstacles: Margins::uniform(0.3),
             road: 0.05,
+            unknown_is_occupied: false,
         }
     }
 }
@@ -124,6 +127,8 @@ impl CollisionSettings {
 pub enum Blocker {
     /// An obstacle, by its id in the file.
     Obstacle(i64),
+    /// A cell of the occupancy grid.
+    OccupiedCell,
     /// The edge of the road.
     RoadBoundary,
 }
@@ -237,7 +242,7 @@ impl CollisionWorld {
     pub fn start_overlap(&self, pose: &Pose, time: f64) -> Option<Overlap> {
         let frame = Frame::new(&self.origin.local_pose(pose));
         let fixed = self.statics.overlap(&self.body, &frame);
-        let on_obstacle = fixed.filter(|o| matches!(o.what, Blocker::Obstacle(_)));
+        let on_obstacle = fixed.filter(|o| o.what != Blocker::RoadBoundary);
         on_obstacle.or_else(|| self.predictions.overlap(&self.body.corners(&frame), time)).or(fixed)
     }
 }

@@ -1,4 +1,4 @@
-//! What does not move: static obstacles and the edge of the road.
+//! What does not move: static obstacles, occupied cells of a grid and the edge of the road.
 //!
 //! Convex pieces in parry's bounding volume hierarchies, one for the obstacles and one for the boundary segments, since
 //! each has its own margin. A sweep is asked block by block (eight cells): one query of the hierarchies for the block,
@@ -13,7 +13,7 @@ use super::drivable::{DrivableArea, OUTSIDE};
 use super::swept::{Body, FAN, Frame, Margins, Sweep, with_margins};
 use super::wide::WideTree;
 use super::{Blocker, CollisionSettings, Overlap};
-use crate::map::{Motion, Scenario};
+use crate::map::{Cell, Motion, Scenario};
 
 /// Cell limits between two poses at which the clearance is measured.
 pub(super) const STRIDE: usize = 4;
@@ -25,7 +25,7 @@ pub struct StaticHit {
     pub station: f64,
     /// The cell.
     pub cell: usize,
-    /// What is there; an obstacle before the road's edge, the lowest id first.
+    /// What is there; an obstacle before an occupied cell before the road's edge, the lowest id first.
     pub what: Blocker,
 }
 
@@ -57,10 +57,10 @@ pub struct Clearance {
 #[derive(Debug, Clone)]
 pub struct StaticWorld {
     road: DrivableArea,
-    /// Convex pieces, in order of the obstacles' ids.
+    /// Convex pieces: those of the obstacles in order of their ids, then those of the occupancy grid.
     pieces: Vec<Convex>,
-    /// Obstacle of each piece.
-    ids: Vec<i64>,
+    /// What each piece belongs to.
+    blockers: Vec<Blocker>,
     tree: Bvh,
     /// Over the pieces and, numbered after them, the boundary's segments.
     everything: WideTree,
@@ -78,7 +78,9 @@ impl StaticWorld {
             }
         }
         found.sort_by_key(|(id, _)| *id);
-        let (ids, pieces): (Vec<i64>, Vec<Convex>) = found.into_iter().unzip();
+        let found = found.into_iter().map(|(id, piece)| (Blocker::Obstacle(id), piece));
+        let cells = occupied(scenario, settings, &origin).into_iter().map(|piece| (Blocker::OccupiedCell, piece));
+        let (blockers, pieces): (Vec<Blocker>, Vec<Convex>) = found.chain(cells).unzip();
         let boxes: Vec<Aabb> = pieces.iter().map(|p| *p.aabb()).collect();
         let road = DrivableArea::with_origin(&scenario.network, origin);
         Self {
@@ -86,7 +88,7 @@ impl StaticWorld {
             road,
             tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
             pieces,
-            ids,
+            blockers,
             obstacle_margins: settings.static_obstacles,
             road_margins: Margins::uniform(settings.road + OUTSIDE),
         }
@@ -150,7 +152,7 @@ impl StaticWorld {
         })
     }
 
-    /// The obstacles' pieces in order of their ids.
+    /// The pieces of the obstacles, in order of their ids, and of the occupancy grid.
     pub(super) fn obstacles(&self) -> &[Convex] {
         &self.pieces
     }
@@ -162,7 +164,7 @@ impl StaticWorld {
 
     /// What a piece of [`StaticWorld::obstacles`] belongs to.
     pub(super) fn blocker(&self, piece: u32) -> Blocker {
-        Blocker::Obstacle(self.ids[piece as usize])
+        self.blockers[piece as usize]
     }
 
     /// Margins to the obstacles and to the road's edge.
@@ -195,9 +197,17 @@ impl StaticWorld {
         let hit = hits.into_iter().find(|i| self.pieces[*i as usize].distance_to(&corners) == 0.0);
         if let Some(i) = hit {
             let depth = self.pieces[i as usize].depth_in(&corners);
-            return Some(Overlap { what: Blocker::Obstacle(self.ids[i as usize]), depth });
+            return Some(Overlap { what: self.blocker(i), depth });
         }
         let depth = self.road.depth_outside(body, frame)?;
         Some(Overlap { what: Blocker::RoadBoundary, depth })
     }
+}
+
+/// The occupied cells of the scenario's grid, as few rectangles.
+fn occupied(scenario: &Scenario, settings: &CollisionSettings, origin: &Origin) -> Vec<Convex> {
+    let Some(grid) = &scenario.occupancy else { return Vec::new() };
+    let wanted = |cell| cell == Cell::Occupied || settings.unknown_is_occupied && cell == Cell::Unknown;
+    let piece = |block| Convex::hull_of(grid.corners(&block).iter().map(|p| origin.local(*p)).collect(), 0.0);
+    grid.blocks(wanted).into_iter().filter_map(piece).collect()
 }

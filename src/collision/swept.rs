@@ -30,8 +30,8 @@ use parry2d::bounding_volume::Aabb;
 
 use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
-use super::course::Course;
 use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
+use super::course::Course;
 use super::moving::KeptRuns;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};

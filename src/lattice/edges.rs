@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::cost::CostTerms;
 use super::{Ground, LatticePath, Root, Settings};
-use crate::collision::{Allowance, Blocker, Sweep};
+use crate::collision::{Allowance, Blocker, EdgeProbe, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::spiral_opt::{Method, connect_bounded};
 use crate::geometry::{Pose, wrap_angle};
@@ -62,6 +62,24 @@ fn swept(ground: &Ground<'_>, start: &Pose, spiral: &CubicSpiral, kept: &[CubicS
     }
 }
 
+/// The check of what [`swept`] covers, without sweeping it.
+fn probed<'w>(
+    ground: &Ground<'w>,
+    start: &Pose,
+    spiral: &CubicSpiral,
+    kept: &[CubicSpiral],
+    path_start: Pose,
+) -> EdgeProbe<'w> {
+    if kept.is_empty() {
+        return ground.world.probe(start, spiral);
+    }
+    let spirals: Vec<_> = kept.iter().copied().chain([*spiral]).collect();
+    match crate::trajectory::Path::new(path_start, &spirals) {
+        Some(path) => ground.world.probe_path(&path),
+        None => ground.world.probe(start, spiral),
+    }
+}
+
 /// Station index from, station index to.
 type LayerPair = (i64, i64);
 /// Edges by the offset they start at; `None` where nobody asked yet.
@@ -95,8 +113,8 @@ impl EdgeStore {
             let s = station as f64 * settings.grid;
             let on_road = |offset: &f64| {
                 ground.reference.offset_pose(s, *offset).is_some_and(|node| {
-                    let here = ground.world.sweep(&node.pose, &CubicSpiral::straight(NODE_LENGTH));
-                    ground.world.static_hit(&here).is_none_or(|hit| hit.what != Blocker::RoadBoundary)
+                    let mut here = ground.world.probe(&node.pose, &CubicSpiral::straight(NODE_LENGTH));
+                    here.static_hit(&Allowance::NONE).is_none_or(|hit| hit.what != Blocker::RoadBoundary)
                 })
             };
             let nodes: Vec<bool> = offsets.iter().map(on_road).collect();
@@ -258,10 +276,10 @@ impl Placed<'_> {
         settings: &Settings,
     ) -> Edge {
         let kept_length: f64 = self.kept.iter().map(|s| s.length).sum();
-        let sweep = swept(ground, &self.start, &self.spiral, self.kept, self.path_start);
-        let hit = ground.world.static_hit_from_start(&sweep, &self.allowance);
+        let mut probe = probed(ground, &self.start, &self.spiral, self.kept, self.path_start);
+        let hit = probe.static_hit(&self.allowance);
         let free_length = hit.map_or(self.spiral.length, |h| h.station - kept_length);
-        let terms = self.terms(ground, &sweep, settings);
+        let terms = self.terms(ground, &mut probe, settings);
         Edge {
             from,
             to,
@@ -276,7 +294,7 @@ impl Placed<'_> {
         }
     }
 
-    fn terms(&self, ground: &Ground<'_>, sweep: &Sweep, settings: &Settings) -> CostTerms {
+    fn terms(&self, ground: &Ground<'_>, probe: &mut EdgeProbe<'_>, settings: &Settings) -> CostTerms {
         /// Samples along an edge for the costs by offset.
         const SAMPLES: usize = 6;
         let w = &settings.weights;
@@ -291,7 +309,7 @@ impl Placed<'_> {
             let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);
             terms.lane += w.lane * way * over;
         }
-        let clearance = ground.world.clearance(sweep, w.clearance_wanted);
+        let clearance = probe.clearance(w.clearance_wanted);
         let near = 1.0 - clearance.obstacle.min(clearance.road + ROAD_IS_KINDER) / w.clearance_wanted;
         terms.clearance = w.clearance * self.spiral.length * near.max(0.0).powi(2);
         terms

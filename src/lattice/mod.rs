@@ -360,6 +360,7 @@ mod tests {
             time_step: 0.1,
             network,
             obstacles: vec![obstacle],
+            occupancy: None,
             problems: vec![],
             issues: vec![],
         }

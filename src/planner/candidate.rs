@@ -130,7 +130,7 @@ impl Situation<'_> {
         let mut planned = false;
         if let Some(blocker) = path.blocked_by {
             end = path.free_length;
-            if matches!(blocker, Blocker::Obstacle(_)) {
+            if blocker != Blocker::RoadBoundary {
                 end -= self.settings.standoff;
                 planned = true;
             }

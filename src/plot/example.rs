@@ -58,6 +58,7 @@ impl Example {
             time_step: 0.1,
             network,
             obstacles: obstacles(),
+            occupancy: None,
             problems: vec![problem(&vehicle)],
             issues: Vec::new(),
         };

@@ -8,7 +8,7 @@ use super::style;
 use super::svg::{Element, Page, Svg, number};
 use crate::drive::Run;
 use crate::geometry::Point;
-use crate::map::{Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind};
+use crate::map::{Cell, Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind};
 use crate::planner::Cycle;
 
 /// Obstacles' outlines are this far apart in time, s.
@@ -72,6 +72,7 @@ impl Scene<'_> {
         svg.group(&Element::new("g").with("id", "scene").with("clip-path", "url(#clip-scene)"), |svg| {
             svg.add(&Element::rect(area.corner, area.width, area.height).with("fill", style::GROUND));
             self.road(svg, view);
+            self.occupied_cells(svg, view);
             self.goal(svg, view);
             self.candidates(svg, view);
             self.obstacles(svg, view);
@@ -113,6 +114,16 @@ impl Scene<'_> {
             for (id, line) in lines {
                 let element = Element::line(view.page(&line.start), view.page(&line.end)).num("stroke-width", 2.5);
                 svg.add(&element.with("id", &format!("stop-line-{id}")));
+            }
+        });
+    }
+
+    fn occupied_cells(&self, svg: &mut Svg, view: &View) {
+        let Some(grid) = &self.run.scenario.occupancy else { return };
+        svg.group(&Element::new("g").with("id", "occupancy").with("fill", style::STATIC), |svg| {
+            let blocks = grid.blocks(|cell| cell == Cell::Occupied);
+            for corners in blocks.iter().map(|b| grid.corners(b)).filter(|c| view.bounds.shows(c)) {
+                svg.add(&view.polygon(&corners));
             }
         });
     }

@@ -25,6 +25,7 @@
 //! Weak where: a contact between two samples (10 ms) of something thinner than the way driven meanwhile is seen only
 //! by the rig; the judge does not ask whether the way really was blocked, nor who caused a contact.
 
+mod cells;
 mod comfort;
 mod contact;
 mod filter;

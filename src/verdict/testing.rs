@@ -128,6 +128,7 @@ impl Story {
             time_step: 0.1,
             network,
             obstacles: vec![place.parked(100, 60.0, 3.5), place.moving(101, (0.0, 20.0), (50.0, 0.0), (210.0, 0.0))],
+            occupancy: None,
             problems: vec![PlanningProblem { id: 1, initial, goals: vec![goal] }],
             issues: Vec::new(),
         };

@@ -30,7 +30,10 @@ fn coarse_to_fine_and_flat_agree() {
         for _ in 0..100 {
             let (start, allowance) = (land.start(&mut random), allowance(&mut random));
             let spirals: Vec<_> = (0..random.within(1.0, 3.0) as usize)
-                .map(|_| random.spiral(if random.next() < 0.5 { 0.03 } else { 0.25 }, (0.05, 40.0)))
+                .map(|_| {
+                    let tightest = if random.next() < 0.5 { 0.03 } else { 0.25 };
+                    random.spiral(tightest, (0.05, 40.0))
+                })
                 .collect();
             let path = Path::new(start, &spirals).unwrap();
             let sweep = world.sweep_path(&path);

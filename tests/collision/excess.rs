@@ -1,6 +1,6 @@
 //! How far the conservative footprint reaches beyond what the vehicle covers.
 
-use stopline::collision::{CollisionSettings, Margins};
+use stopline::collision::Margins;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose};
 
@@ -59,7 +59,7 @@ fn spiral(random: &mut Random, (from, to): (f64, f64)) -> CubicSpiral {
 fn excesses(random: &mut Random, spiral: &CubicSpiral) -> Vec<f64> {
     const DENSE: f64 = 0.02;
     let start = Pose::new(0.0, 0.0, random.within(-3.0, 3.0));
-    let world = world(&scenario(plain(), vec![]), &CollisionSettings { ..no_margins() });
+    let world = world(&scenario(plain(), vec![]), &no_margins());
     let sweep = world.sweep(&start, spiral);
     let n = (spiral.length / DENSE).ceil() as usize;
     let poses: Vec<(f64, Pose)> = spiral.sampled(&start, n).into_iter().map(|(s, p)| (s, p.pose)).collect();

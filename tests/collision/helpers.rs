@@ -92,6 +92,7 @@ pub(crate) fn scenario(lanelets: Vec<Lanelet>, obstacles: Vec<Obstacle>) -> Scen
         time_step: 0.1,
         network: network(lanelets),
         obstacles,
+        occupancy: None,
         problems: vec![],
         issues: vec![],
     }

@@ -2,6 +2,7 @@
 
 mod coarse;
 mod excess;
+mod grid;
 mod helpers;
 mod million;
 mod random;
@@ -12,7 +13,7 @@ use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld,
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
-use stopline::map::{Lanelet, Motion, Obstacle, Shape, TimedOccupancy, TimedPose};
+use stopline::map::{Lanelet, Motion, Obstacle, Part, Shape, TimedOccupancy, TimedPose};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]

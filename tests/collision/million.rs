@@ -17,6 +17,8 @@ const THINGS: i64 = 24;
 const DENSE: f64 = 0.05;
 /// Overlaps deeper than this count, m: rounding.
 const DEPTH: f64 = 1e-9;
+/// Corners of a thing at most.
+const MOST_CORNERS: usize = 8;
 /// A free sweep that this margin (m) would stop is a near miss.
 const NEAR: f64 = 0.05;
 
@@ -67,7 +69,9 @@ impl Rectangle {
             let (dx, dy) = ((self.rear - p.x).max(p.x - self.front).max(0.0), (p.y.abs() - self.half_width).max(0.0));
             return dx.hypot(dy) < thing.radius - DEPTH;
         }
-        let points: Vec<Point> = thing.points.iter().map(local).collect();
+        let mut buffer = [Point::origin(); MOST_CORNERS];
+        let points = &mut buffer[..thing.points.len()];
+        points.iter_mut().zip(&thing.points).for_each(|(to, from)| *to = local(from));
         let beyond = |f: &dyn Fn(&Point) -> f64| points.iter().all(|p| f(p) > -DEPTH);
         if beyond(&|p| p.x - self.front) || beyond(&|p| self.rear - p.x) {
             return false;
@@ -134,7 +138,7 @@ fn check_land(seed: u64) -> Count {
         if things.iter().any(|t| body.touches(&start, t)) {
             continue;
         }
-        let spiral = random.spiral(0.25, (2.0, 16.0));
+        let spiral = random.spiral(0.25, (2.0, 12.0));
         let sweep = bare.sweep(&start, &spiral);
         let hit = bare.static_hit(&sweep);
         assert_eq!(bare.probe(&start, &spiral).static_hit(&Allowance::NONE), hit, "{start:?} {spiral:?}");
@@ -142,7 +146,11 @@ fn check_land(seed: u64) -> Count {
         match (truth(&body, &things, &start, &spiral), hit) {
             (Some((s, what)), None) => panic!("{what:?} at {s} m of {start:?} {spiral:?} is missed"),
             (Some((s, what)), Some(hit)) => {
-                assert!(hit.station <= s, "{what:?} at {s} m of {start:?} {spiral:?} is seen at {} m only", hit.station);
+                assert!(
+                    hit.station <= s,
+                    "{what:?} at {s} m of {start:?} {spiral:?} is seen at {} m only",
+                    hit.station
+                );
                 *(if what == Blocker::RoadBoundary { &mut count.road } else { &mut count.obstacles }) += 1;
             }
             (None, Some(_)) => count.too_careful += 1,

@@ -4,7 +4,7 @@ use stopline::collision::{CollisionSettings, CollisionWorld};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector};
-use stopline::map::{ConvexPart, Motion, Obstacle, Part, Scenario, Shape};
+use stopline::map::{Motion, Obstacle, Part, Scenario, Shape};
 
 use crate::helpers::{circle, lanelet, obstacle, scenario, world};
 
@@ -14,7 +14,9 @@ pub(crate) struct Random(u64);
 impl Random {
     pub(crate) fn new(seed: u64) -> Self {
         let mut random = Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
-        (0..8).for_each(|_| drop(random.next()));
+        for _ in 0..8 {
+            random.next();
+        }
         random
     }
 
@@ -46,8 +48,6 @@ pub(crate) struct Land {
     pub(crate) half_width: f64,
     /// The outline of the surface, a ring.
     pub(crate) outline: Vec<Point>,
-    /// The things, in world coordinates.
-    pub(crate) pieces: Vec<ConvexPart>,
     pub(crate) scenario: Scenario,
 }
 
@@ -64,8 +64,7 @@ impl Land {
         let outline = right.iter().chain(left.iter().rev()).copied().collect();
         let lanes = vec![lanelet(1, Polyline::new(left).unwrap(), Polyline::new(right).unwrap())];
         let obstacles: Vec<Obstacle> = (0..things).map(|id| thing(random, id, &middle, half_width)).collect();
-        let pieces = obstacles.iter().flat_map(|o| o.occupied_at(0.0)).collect();
-        Self { middle, half_width, outline, pieces, scenario: scenario(lanes, obstacles) }
+        Self { middle, half_width, outline, scenario: scenario(lanes, obstacles) }
     }
 
     pub(crate) fn world(&self, settings: &CollisionSettings) -> CollisionWorld {

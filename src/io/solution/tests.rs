@@ -64,6 +64,7 @@ fn scenario(centre: Pose, speed: f64, dt: f64) -> Scenario {
         time_step: dt,
         network: RoadNetwork::default(),
         obstacles: vec![],
+        occupancy: None,
         problems: vec![PlanningProblem { id: 7, initial, goals: vec![] }],
         issues: vec![],
     }
