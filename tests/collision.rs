@@ -8,13 +8,14 @@ use stopline::geometry::{Point, Pose, Vector, cross};
 use stopline::map::{
     ConvexPart, Lanelet, Motion, Obstacle, ObstacleKind, Part, RoadNetwork, Scenario, Shape, TimedOccupancy, TimedPose,
 };
-use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
 /// The published dimensions of the BMW 320i; the rest does not matter here.
 fn vehicle() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.5789,
@@ -131,7 +132,7 @@ fn world(scenario: &Scenario, settings: &CollisionSettings) -> CollisionWorld {
 }
 
 fn footprint(pose: &Pose) -> Vec<Point> {
-    vehicle().footprint().iter().map(|p| pose.to_world(*p)).collect()
+    vehicle().footprint.bounding_rectangle().iter().map(|p| pose.to_world(*p)).collect()
 }
 
 /// Signed separation of convex polygons over the directions of their edges: negative when they overlap. Slow and simple.
@@ -234,7 +235,7 @@ proptest! {
             let hull = sweep.footprint(cell, &margins);
             for i in 0..=20 {
                 let pose = spiral.point_at(&start, from + (to - from) * f64::from(i) / 20.0).pose;
-                for corner in vehicle().footprint() {
+                for corner in vehicle().footprint.bounding_rectangle() {
                     let grown = corner + Vector::new((corner.x - 1.4227).signum() * longitudinal, corner.y.signum() * lateral);
                     let p = pose.to_world(grown);
                     for j in 0..hull.len() {

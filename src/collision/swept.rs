@@ -18,7 +18,8 @@
 //! rectangles, hence ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (margins included) and with the largest
 //! |κ|, |κ′| of the cell. These are bounded by their values at the ends plus the same interpolation error,
 //! h²/8 · max |κ″| and h²/8 · |κ‴|, where κ″ is linear and κ‴ constant on a cubic spiral. The other points of the
-//! rectangle are convex combinations of its corners, so the bound for the corners is a bound for all.
+//! rectangle are convex combinations of its corners, so the bound for the corners is a bound for all; of parts within the
+//! rectangle, too, each swept for itself ([`super::outline`]).
 //!
 //! # Weakness
 //! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. At the default spacing ε is 0.9 cm on a
@@ -33,6 +34,7 @@ use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
 use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
 use super::moving::KeptRuns;
+use super::outline::Outline;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::trajectory::Path;
@@ -68,7 +70,7 @@ impl Margins {
     }
 }
 
-/// The vehicle's rectangle in the rear-axle frame, m.
+/// The vehicle's rectangle, or the one around its parts, in the rear-axle frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Body {
     rear: f64,
@@ -78,7 +80,7 @@ pub(super) struct Body {
 
 impl Body {
     pub(super) fn new(vehicle: &Vehicle) -> Self {
-        let [rear_right, _, front_left, _] = vehicle.footprint();
+        let [rear_right, _, front_left, _] = vehicle.footprint.bounding_rectangle();
         Self { rear: rear_right.x, front: front_left.x, half_width: front_left.y }
     }
 
@@ -117,11 +119,9 @@ impl Body {
         (along * along + across * across).sqrt()
     }
 
-    /// Depth to which a point lies inside the rectangle, m; negative outside.
-    pub(super) fn depth_of(&self, frame: &Frame, p: Local) -> f64 {
-        let d = p - frame.at;
-        let (x, y) = (d.dot(frame.forward), frame.forward.perp_dot(d));
-        (x - self.rear).min(self.front - x).min(self.half_width - y.abs())
+    /// Depth to which the rear axle lies inside the rectangle, m; negative outside.
+    pub(super) fn depth_of_rear_axle(&self) -> f64 {
+        self.front.min(-self.rear)
     }
 }
 
@@ -138,6 +138,11 @@ impl Frame {
         let (sin, cos) = local.yaw.sin_cos();
         Self { at: vector(local.position), forward: Local::new(cos, sin) }
     }
+
+    /// A point of the rear-axle frame, relative to the origin.
+    pub(super) fn to_world(self, p: Local) -> Local {
+        self.at + self.forward * p.x + self.forward.perp() * p.y
+    }
 }
 
 /// A swept footprint, cut into cells by station. Cell `i` is what the vehicle covers while its rear axle is anywhere
@@ -153,7 +158,7 @@ pub struct Sweep {
     boxes: BoxTree,
     /// Turned boxes around [`FAN`] cells each, without margins.
     slats: Vec<Slat>,
-    body: Body,
+    outline: Outline,
     origin: Origin,
     /// What moving obstacles block, once somebody asked.
     kept_runs: OnceLock<KeptRuns>,
@@ -162,10 +167,11 @@ pub struct Sweep {
 impl Sweep {
     pub(super) fn along(
         origin: &Origin,
-        body: &Body,
+        outline: &Outline,
         settings: &CollisionSettings,
         pieces: &[(Pose, CubicSpiral)],
     ) -> Self {
+        let body = outline.body();
         let widest = body.grown(&settings.widest(), 0.0);
         let most: usize =
             1 + pieces.iter().map(|(_, spiral)| cells_for(spiral.length, settings.spacing)).sum::<usize>();
@@ -199,7 +205,8 @@ impl Sweep {
         });
         let boxes = BoxTree::new(boxes.collect());
         let slats = slats_of(body, &frames, &slack);
-        Self { stations, frames, slack, boxes, slats, body: *body, origin: *origin, kept_runs: OnceLock::new() }
+        let outline = outline.clone();
+        Self { stations, frames, slack, boxes, slats, outline, origin: *origin, kept_runs: OnceLock::new() }
     }
 
     /// Number of cells, at least one.
@@ -220,7 +227,8 @@ impl Sweep {
         self.stations[self.stations.len() - 1]
     }
 
-    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell.
+    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell. For a
+    /// vehicle of several parts that of the rectangle around them: see [`Sweep::part_footprints`].
     #[must_use]
     pub fn footprint(&self, cell: usize, margins: &Margins) -> Vec<Point> {
         if cell >= self.cells() {
@@ -229,11 +237,27 @@ impl Sweep {
         self.corners(cell, margins).hull().iter().map(|p| self.origin.world(*p)).collect()
     }
 
+    /// The footprints of all parts of the vehicle in a cell, as [`Sweep::footprint`]: what is checked.
+    #[must_use]
+    pub fn part_footprints(&self, cell: usize, margins: &Margins) -> Vec<Vec<Point>> {
+        if cell >= self.cells() {
+            return Vec::new();
+        }
+        let world = |hull: Convex| hull.points().iter().map(|p| self.origin.world(*p)).collect();
+        let ends = [self.frames[cell], self.frames[cell + 1]];
+        match self.outline.swept(ends, margins, self.slack[cell]) {
+            Some(parts) => parts.hulls().map(world).collect(),
+            None => vec![self.footprint(cell, margins)],
+        }
+    }
+
     pub(super) fn corners(&self, cell: usize, margins: &Margins) -> SweptCorners {
-        let body = self.body.grown(margins, self.slack[cell]);
-        let [a, b, c, d] = body.corners(&self.frames[cell]);
-        let [e, f, g, h] = body.corners(&self.frames[cell + 1]);
-        SweptCorners::new([a, b, c, d, e, f, g, h])
+        let body = self.outline.body().grown(margins, self.slack[cell]);
+        let ends = [self.frames[cell], self.frames[cell + 1]];
+        let [a, b, c, d] = body.corners(&ends[0]);
+        let [e, f, g, h] = body.corners(&ends[1]);
+        let parts = self.outline.swept(ends, margins, self.slack[cell]);
+        SweptCorners::new([a, b, c, d, e, f, g, h]).with_parts(parts)
     }
 
     pub(super) fn kept_runs(&self) -> &OnceLock<KeptRuns> {
@@ -244,8 +268,8 @@ impl Sweep {
         &self.frames
     }
 
-    pub(super) fn body(&self) -> &Body {
-        &self.body
+    pub(super) fn outline(&self) -> &Outline {
+        &self.outline
     }
 
     pub(super) fn boxes(&self) -> &BoxTree {

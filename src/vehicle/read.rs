@@ -3,29 +3,53 @@
 //! A few vehicles are built into the program; others are read from a folder. Every number is checked here, once: what
 //! [`load`] returns needs no further checks.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::mesh::{MOST_BYTES, MeshError};
 use super::{Vehicle, dynamics, urdf};
 
-/// The vehicles embedded in the program: name, `vehicle.urdf`, `dynamics.toml`.
-const BUILTIN: [(&str, &str, &str); 2] = [
-    (
-        "bmw_320i",
-        include_str!("../../vehicles/bmw_320i/vehicle.urdf"),
-        include_str!("../../vehicles/bmw_320i/dynamics.toml"),
-    ),
-    (
-        "ford_escort",
-        include_str!("../../vehicles/ford_escort/vehicle.urdf"),
-        include_str!("../../vehicles/ford_escort/dynamics.toml"),
-    ),
+/// A vehicle embedded in the program.
+struct Builtin {
+    name: &'static str,
+    urdf: &'static str,
+    dynamics: &'static str,
+    /// Mesh files by their names in the URDF.
+    meshes: &'static [(&'static str, &'static [u8])],
+}
+
+const BUILTIN: [Builtin; 4] = [
+    Builtin {
+        name: "bmw_320i",
+        urdf: include_str!("../../vehicles/bmw_320i/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/bmw_320i/dynamics.toml"),
+        meshes: &[],
+    },
+    Builtin {
+        name: "ford_escort",
+        urdf: include_str!("../../vehicles/ford_escort/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/ford_escort/dynamics.toml"),
+        meshes: &[],
+    },
+    Builtin {
+        name: "truck",
+        urdf: include_str!("../../vehicles/truck/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/truck/dynamics.toml"),
+        meshes: &[],
+    },
+    Builtin {
+        name: "f1tenth",
+        urdf: include_str!("../../vehicles/f1tenth/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/f1tenth/dynamics.toml"),
+        meshes: &[("body.obj", include_bytes!("../../vehicles/f1tenth/body.obj"))],
+    },
 ];
 
 const BUILTIN_NAMES: [&str; BUILTIN.len()] = {
     let mut names = [""; BUILTIN.len()];
     let mut i = 0;
     while i < names.len() {
-        names[i] = BUILTIN[i].0;
+        names[i] = BUILTIN[i].name;
         i += 1;
     }
     names
@@ -81,6 +105,18 @@ pub enum VehicleError {
         /// What is wrong, with the line.
         message: String,
     },
+    /// A mesh of the footprint that cannot be read.
+    #[error("{}: {element}: mesh `{mesh}`: {source}", file.display())]
+    Mesh {
+        /// The URDF.
+        file: PathBuf,
+        /// The element, with its name: `link base_link, collision 1`.
+        element: String,
+        /// The mesh, as the URDF names it.
+        mesh: String,
+        /// What is wrong.
+        source: MeshError,
+    },
     /// An element that is missing or has a value out of its range.
     #[error("{}: {element}: {found}; expected {expected}", file.display())]
     Element {
@@ -107,8 +143,14 @@ pub fn builtin_names() -> &'static [&'static str] {
 /// # Errors
 /// An unknown name, an unreadable file, or a value out of its range.
 pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
-    if let Some((name, urdf, toml)) = BUILTIN.iter().find(|(name, ..)| *name == name_or_folder) {
-        return assemble(name, &Path::new("vehicles").join(name), urdf, toml);
+    if let Some(Builtin { name, urdf, dynamics, meshes }) = BUILTIN.iter().find(|b| b.name == name_or_folder) {
+        let mesh = |wanted: &str| {
+            let found = meshes.iter().find(|(name, _)| *name == wanted);
+            found
+                .map(|(_, bytes)| bytes.to_vec())
+                .ok_or_else(|| std::io::Error::from(std::io::ErrorKind::NotFound).into())
+        };
+        return assemble(name, &Path::new("vehicles").join(name), urdf, dynamics, &mesh);
     }
     let given = Path::new(name_or_folder);
     let folder = if given.is_file() { given.parent().unwrap_or(given) } else { given };
@@ -122,20 +164,34 @@ pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
     let (urdf, toml) = (read("vehicle.urdf")?, read("dynamics.toml")?);
     let absolute = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let name = absolute.file_name().map_or_else(|| name_or_folder.to_owned(), |n| n.to_string_lossy().into_owned());
-    assemble(&name, folder, &urdf, &toml)
+    assemble(&name, folder, &urdf, &toml, &|mesh| read_mesh(&folder.join(mesh)))
 }
 
-/// Puts together what the two files say.
-fn assemble(name: &str, folder: &Path, urdf_text: &str, toml_text: &str) -> Result<Vehicle, VehicleError> {
-    let body = urdf::read(&folder.join("vehicle.urdf"), urdf_text)?;
+/// Reads a mesh file, unless it is too large to be one for collision.
+fn read_mesh(file: &Path) -> Result<Vec<u8>, MeshError> {
+    let mut bytes = Vec::new();
+    std::fs::File::open(file)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES { Err(MeshError::TooLarge) } else { Ok(bytes) }
+}
+
+/// Puts together what the two files and the meshes say.
+fn assemble(
+    name: &str,
+    folder: &Path,
+    urdf_text: &str,
+    toml_text: &str,
+    meshes: urdf::MeshFiles<'_>,
+) -> Result<Vehicle, VehicleError> {
+    let body = urdf::read(&folder.join("vehicle.urdf"), urdf_text, meshes)?;
     let dynamics = dynamics::read(&folder.join("dynamics.toml"), toml_text)?;
     Ok(Vehicle {
         name: name.to_owned(),
         commonroad_type: dynamics.commonroad_type,
-        length: body.length,
-        width: body.width,
+        length: body.footprint.length(),
+        width: body.footprint.width(),
         wheelbase: body.wheelbase,
-        rear_axle_to_centre: body.rear_axle_to_centre,
+        rear_axle_to_centre: body.footprint.rear_axle_to_centre(),
+        footprint: body.footprint,
         rear_axle_to_mass: body.rear_axle_to_mass,
         mass_height: body.mass_height,
         track_width: body.track_width,
@@ -155,7 +211,12 @@ mod tests {
     use super::*;
 
     fn bmw() -> (&'static str, &'static str) {
-        (BUILTIN[0].1, BUILTIN[0].2)
+        (BUILTIN[0].urdf, BUILTIN[0].dynamics)
+    }
+
+    /// Puts files of no folder together: no mesh is found.
+    fn assemble(name: &str, folder: &Path, urdf: &str, toml: &str) -> Result<Vehicle, VehicleError> {
+        super::assemble(name, folder, urdf, toml, &|mesh| read_mesh(&Path::new("no/such/folder").join(mesh)))
     }
 
     /// Reads the BMW with one text of one file replaced.
@@ -263,8 +324,6 @@ mod tests {
             ("upper=\"1.066\"", "upper=\"0\"", "joint front_left_steering"),
             ("lower=\"-1.066\" upper=\"1.066\"", "lower=\"-2\" upper=\"2\"", "joint front_left_steering"),
             ("velocity=\"0.4\"", "velocity=\"0\"", "joint front_left_steering"),
-            ("<box size=\"4.508 1.61 1.415\"/>", "<mesh filename=\"body.stl\"/>", "link base_link: no collision box"),
-            ("<box size=\"4.508 1.61 1.415\"/>", "<box size=\"4.508 0 1.4\"/>", "link base_link"),
             (
                 "<cylinder radius=\"0.344\" length=\"0.205\"/>",
                 "<cylinder radius=\"0\" length=\"0.2\"/>",
