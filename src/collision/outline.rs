@@ -160,3 +160,69 @@ impl SweptParts {
         Convex::hull_of(corners.collect(), 0.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use proptest::prelude::*;
+
+    fn polygons() -> impl Strategy<Value = Vec<Local>> {
+        let coordinate = prop_oneof![(-4.0..4.0f64), (-3..3i32).prop_map(f64::from)];
+        prop::collection::vec((coordinate.clone(), coordinate), 3..9).prop_filter_map("no area", |points| {
+            let hull = Convex::hull_of(points.into_iter().map(|(x, y)| Local::new(x, y)).collect(), 0.0)?;
+            (hull.points().len() > 2).then(|| hull.points().to_vec())
+        })
+    }
+
+    fn signs(normals: ((f64, f64), (f64, f64))) -> Vec<(f64, f64)> {
+        let ((ax, ay), (bx, by)) = normals;
+        signs_between(Local::new(ax, ay), Local::new(bx, by)).map(|s| (s.x, s.y)).collect()
+    }
+
+    #[test]
+    fn the_corners_of_a_box_move_out_once_each_and_a_tip_twice() {
+        assert_eq!(signs(((0.0, -1.0), (1.0, 0.0))), [(1.0, -1.0)]);
+        assert_eq!(signs(((1.0, 0.0), (0.0, 1.0))), [(1.0, 1.0)]);
+        assert_eq!(signs(((0.0, 1.0), (-1.0, 0.0))), [(-1.0, 1.0)]);
+        assert_eq!(signs(((-1.0, 0.0), (0.0, -1.0))), [(-1.0, -1.0)]);
+        // a nose that points forward lies between the front corners of the margins
+        assert_eq!(signs(((1.0, -1.0), (1.0, 1.0))), [(1.0, -1.0), (1.0, 1.0)]);
+        assert_eq!(signs(((1.0, 0.1), (1.0, 0.2))), [(1.0, 1.0)]);
+        assert_eq!(signs(((-0.1, -1.0), (0.1, 1.0))), [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0)]);
+    }
+
+    #[test]
+    fn a_rectangle_as_a_part_is_swept_as_the_body_is() {
+        let corners = [(-1.0, -0.5), (3.0, -0.5), (3.0, 0.5), (-1.0, 0.5)].map(|(x, y)| Local::new(x, y));
+        let part = Part::new(corners.to_vec());
+        assert_eq!(part.grown.len(), 4);
+        let frame = Frame::new(&Pose::new(2.0, -1.0, 0.3));
+        let grown: Vec<Local> =
+            part.grown.iter().map(|c| frame.to_world(c.at + c.out * Local::new(0.3, 0.2))).collect();
+        let by_hand =
+            [(-1.3, -0.7), (3.3, -0.7), (3.3, 0.7), (-1.3, 0.7)].map(|(x, y)| frame.to_world(Local::new(x, y)));
+        assert!(grown.iter().zip(&by_hand).all(|(a, b)| (*a - *b).length() < 1e-12));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(1000))]
+        /// The slow way: the hull of every corner moved by every corner of the margins.
+        #[test]
+        fn growing_is_the_minkowski_sum_with_the_margins(corners in polygons(), along in 0.0..1.0f64, across in 0.0..1.0f64) {
+            let by = Local::new(along, across);
+            let part = Part::new(corners.clone());
+            let ours = Convex::hull_of(part.grown.iter().map(|c| c.at + c.out * by).collect(), 0.0).unwrap();
+            let square = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(x, y)| Local::new(x, y));
+            let all = corners.iter().flat_map(|c| square.map(|s| *c + s * by)).collect();
+            let slow = Convex::hull_of(all, 0.0).unwrap();
+            prop_assert!(part.grown.len() <= corners.len() + 4, "{} corners of {}", part.grown.len(), corners.len());
+            for p in slow.points() {
+                prop_assert!(ours.distance_to(&[*p, *p, *p]) < 1e-12, "{p} is cut off");
+            }
+            for p in ours.points() {
+                prop_assert!(slow.distance_to(&[*p, *p, *p]) < 1e-12, "{p} is too far out");
+            }
+        }
+    }
+}
