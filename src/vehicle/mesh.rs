@@ -66,7 +66,7 @@ pub(super) fn vertices(is_stl: bool, bytes: &[u8]) -> Result<Vec<[f64; 3]>, Mesh
     let found = if !is_stl {
         from_lines(bytes, "v")?
     } else if let Some(facets) = binary_facets(bytes) {
-        facets.iter().flat_map(|facet| facet_corners(facet)).collect()
+        facets.iter().flat_map(facet_corners).collect()
     } else if bytes.trim_ascii_start().starts_with(b"solid") {
         from_lines(bytes, "vertex")?
     } else {
