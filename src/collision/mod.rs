@@ -5,7 +5,7 @@
 //! For a chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
 //! For the start: what it already overlaps ([`CollisionWorld::start_overlap`]).
 //!
-//! **Technique.** Footprints are conservative: hulls of the vehicle's rectangle, or of each of its parts ([`outline`]), at
+//! **Technique.** Footprints are conservative: hulls of the vehicle's rectangle, or of each of its parts (`outline`), at
 //! neighbouring sampled poses, grown by a bound from curvature and spacing (derived in [`swept`]). Predictions are hulls over slices of time ([`moving`]), the road
 //! is the union of its lanelets ([`drivable`]). Broad phases are parry's bounding volume hierarchies, for what stays
 //! the same over a run, and boxes merged along the path, for the sweeps. The narrow phase is a separating-axis test.

@@ -19,7 +19,7 @@
 //! |κ|, |κ′| of the cell. These are bounded by their values at the ends plus the same interpolation error,
 //! h²/8 · max |κ″| and h²/8 · |κ‴|, where κ″ is linear and κ‴ constant on a cubic spiral. The other points of the
 //! rectangle are convex combinations of its corners, so the bound for the corners is a bound for all; of parts within the
-//! rectangle, too, each swept for itself ([`super::outline`]).
+//! rectangle, too, each swept for itself (`outline`).
 //!
 //! # Weakness
 //! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. At the default spacing ε is 0.9 cm on a
