@@ -13,7 +13,7 @@ use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape, TimedPose};
-use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
 fn main() {
     let filters: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
@@ -158,6 +158,7 @@ pub(crate) fn vehicle() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.5789,

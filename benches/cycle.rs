@@ -18,7 +18,7 @@ use stopline::map::{
 use stopline::planner::{Cycle, Decision, Planner, Settings};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 use stopline::speed::{AccelerationLimits, Resolution, SpeedOutcome, SpeedProblem, plan, smoothing};
-use stopline::vehicle::{Actuators, Comfort, Limits, State, Tyres, Vehicle};
+use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, State, Tyres, Vehicle};
 
 fn main() {
     // one thread, so that figures mean the same on every machine
@@ -306,6 +306,7 @@ fn vehicle() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.5789,

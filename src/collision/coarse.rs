@@ -27,7 +27,7 @@ use super::convert::Local;
 use super::convex::{Convex, SweptCorners, boxes_meet};
 use super::course::{Course, Node};
 use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
-use super::swept::Margins;
+use super::swept::{Frame, Margins};
 use super::wide::TurnedBox;
 use super::{Blocker, CollisionWorld, ROUNDING};
 use crate::geometry::Pose;
@@ -65,8 +65,9 @@ impl Near {
 
 impl<'w> EdgeProbe<'w> {
     pub(super) fn new(world: &'w CollisionWorld, spirals: &[(Pose, CubicSpiral)]) -> Self {
-        let widest = world.body.grown(&world.settings.widest(), 0.0);
-        let course = Course::new(&world.origin, (&world.body, widest), world.settings.spacing, spirals);
+        let body = world.outline.body();
+        let widest = body.grown(&world.settings.widest(), 0.0);
+        let course = Course::new(&world.origin, (body, widest), world.settings.spacing, spirals);
         let blocks = course.blocks();
         Self {
             world,
@@ -87,10 +88,11 @@ impl<'w> EdgeProbe<'w> {
     #[must_use]
     pub fn static_hit(&mut self, allowance: &Allowance) -> Option<StaticHit> {
         let cells = self.cells();
-        // the cells hang together: if no boundary meets them, all are inside as soon as one point is
+        // the cells of a part hang together: if no boundary meets them, all are inside as soon as one point is
         let first_judged = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
         let road = self.world.statics.road();
-        let stray = first_judged.filter(|limit| !road.contains_local(self.course.frame(*limit).at));
+        let on_road = |frame: &Frame| self.world.outline.all_parts(frame, |p| road.contains_local(p));
+        let stray = first_judged.filter(|limit| !on_road(&self.course.frame(*limit)));
         let stray = stray.map(|limit| limit.min(cells - 1));
         let search = Search { allowance, last: stray.unwrap_or(cells - 1) };
         for i in 0..self.blocks.len() {
@@ -129,10 +131,11 @@ impl<'w> EdgeProbe<'w> {
             let last = is_last.then_some(block.end);
             for limit in poses.step_by(STRIDE).chain(last) {
                 let frame = self.course.frame(limit);
-                let corners = self.world.body.corners(&frame);
-                let turned = TurnedBox::around(&corners, frame.forward);
-                least.obstacle = nearest(&self.near.obstacles[found.0..], pieces, (&corners, &turned), least.obstacle);
-                least.road = nearest(&self.near.boundary[found.1..], segments, (&corners, &turned), least.road);
+                self.world.outline.for_each_part(&frame, |part| {
+                    let turned = TurnedBox::around(part, frame.forward);
+                    least.obstacle = nearest(&self.near.obstacles[found.0..], pieces, (part, &turned), least.obstacle);
+                    least.road = nearest(&self.near.boundary[found.1..], segments, (part, &turned), least.road);
+                });
             }
         }
         least
@@ -140,7 +143,7 @@ impl<'w> EdgeProbe<'w> {
 
     fn hull(&mut self, node: &Node) -> NodeHull {
         let (from, to) = (self.course.frame(node.first), self.course.frame(node.end));
-        let body = self.world.body.grown(&Margins::NONE, self.course.node_slack(node));
+        let body = self.world.outline.body().grown(&Margins::NONE, self.course.node_slack(node));
         let [a, b, c, d] = body.corners(&from);
         let [e, f, g, h] = body.corners(&to);
         NodeHull::new([a, b, c, d, e, f, g, h], from.forward + to.forward)
@@ -236,10 +239,12 @@ impl<'w> EdgeProbe<'w> {
             if entries.is_empty() {
                 return None;
             }
-            let body = self.world.body.grown(if relaxed { &Margins::NONE } else { margins }, slack);
+            let margins = if relaxed { &Margins::NONE } else { margins };
+            let body = self.world.outline.body().grown(margins, slack);
             let corners: [Local; 8] = std::array::from_fn(|i| body.corners(&ends[i / 4])[i % 4]);
             let aabb = Aabb::from_points_ref(&corners);
-            let mut shape = SweptCorners::new(corners);
+            let parts = self.world.outline.swept(ends, margins, slack);
+            let mut shape = SweptCorners::new(corners).with_parts(parts);
             entries.iter().copied().find(|i| {
                 let piece = &pieces[*i as usize];
                 boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)

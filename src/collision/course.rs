@@ -13,7 +13,8 @@
 //!
 //! # Cell length
 //! The setting [`super::CollisionSettings::spacing`], or a whole fraction of it where a spiral bends so much that the
-//! footprint would exceed what is covered by more than [`EXCESS`] (see [`excess`]).
+//! footprint would exceed what is covered by more than [`EXCESS`] (see [`excess`]). The station cells of the blocked grid
+//! keep the spacing: what is searched for speeds over them does not depend on how the spiral bends.
 
 use super::convert::{Local, Origin};
 use super::swept::{Body, Frame, SKIN};
@@ -139,6 +140,8 @@ struct Piece {
     powers: [f64; 4],
     length: f64,
     cells: usize,
+    /// Cells in a station cell.
+    cuts: usize,
     /// Cells in a block: a power of two.
     block: usize,
     /// Index of its first cell in the course, and its station, m.
@@ -170,7 +173,7 @@ impl Piece {
                 cuts += 1;
             }
         }
-        let cells = cells_for(length, spacing / cuts as f64);
+        let cells = cuts * cells_for(length, spacing);
         let h = length / cells as f64;
         let mut block = 1;
         while 2 * block <= MOST_IN_BLOCK && block < cells {
@@ -189,6 +192,7 @@ impl Piece {
             powers,
             length,
             cells,
+            cuts,
             block,
             first_cell,
             first_station,
@@ -295,6 +299,19 @@ impl Course {
     pub(super) fn station(&self, limit: usize) -> f64 {
         let piece = &self.pieces[self.piece_of(limit.saturating_sub(1))];
         piece.first_station + piece.along(limit - piece.first_cell)
+    }
+
+    /// The station cells, as long as the spacing allows: limits, m from the start, and which of them each cell is in.
+    pub(super) fn station_cells(&self) -> (Vec<f64>, Vec<u32>) {
+        let (mut limits, mut of_cell) = (vec![0.0], Vec::with_capacity(self.cells()));
+        for piece in &self.pieces {
+            for first in (0..piece.cells).step_by(piece.cuts) {
+                #[allow(clippy::cast_possible_truncation)] // there are not 2³² cells
+                of_cell.extend(std::iter::repeat_n(limits.len() as u32 - 1, piece.cuts));
+                limits.push(self.station(piece.first_cell + first + piece.cuts));
+            }
+        }
+        (limits, of_cell)
     }
 
     /// The frame at a cell limit. Where pieces join it is the one that the earlier one ends with.

@@ -5,8 +5,8 @@
 //! For a chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
 //! For the start: what it already overlaps ([`CollisionWorld::start_overlap`]).
 //!
-//! **Technique.** Footprints are conservative: hulls of the rectangle at neighbouring sampled poses, grown by a bound
-//! from curvature and spacing (derived in [`swept`]). Predictions are hulls over slices of time ([`moving`]), the road
+//! **Technique.** Footprints are conservative: hulls of the vehicle's rectangle, or of each of its parts (`outline`), at
+//! neighbouring sampled poses, grown by a bound from curvature and spacing (derived in [`swept`]). Predictions are hulls over slices of time ([`moving`]), the road
 //! is the union of its lanelets ([`drivable`]). Broad phases are parry's bounding volume hierarchies, for what stays
 //! the same over a run, and boxes merged along the path, for the sweeps. The narrow phase is a separating-axis test.
 //! So there are no false negatives against the vehicle and obstacle motion that the map describes; false positives
@@ -24,6 +24,7 @@ mod convex;
 mod course;
 pub mod drivable;
 pub mod moving;
+mod outline;
 pub mod statics;
 pub mod swept;
 mod wide;
@@ -40,7 +41,8 @@ use parry2d::partitioning::Bvh;
 
 use self::convert::{Local, Origin};
 use self::convex::{Convex, box_distance};
-use self::swept::{Body, Frame};
+use self::outline::Outline;
+use self::swept::Frame;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::map::{Motion, Scenario};
@@ -146,7 +148,7 @@ pub struct Overlap {
 #[derive(Debug, Clone)]
 pub struct CollisionWorld {
     origin: Origin,
-    body: Body,
+    outline: Outline,
     settings: CollisionSettings,
     statics: StaticWorld,
     predictions: Predictions,
@@ -168,7 +170,7 @@ impl CollisionWorld {
         let origin = origin_of(scenario);
         Ok(Self {
             origin,
-            body: Body::new(vehicle),
+            outline: Outline::new(vehicle),
             settings: *settings,
             statics: StaticWorld::new(scenario, origin, settings),
             predictions: Predictions::new(&scenario.obstacles, origin, settings, horizon),
@@ -190,13 +192,13 @@ impl CollisionWorld {
     /// The swept footprint along a spiral.
     #[must_use]
     pub fn sweep(&self, start: &Pose, spiral: &CubicSpiral) -> Sweep {
-        Sweep::along(&self.origin, &self.body, &self.settings, &[(*start, *spiral)])
+        Sweep::along(&self.origin, &self.outline, &self.settings, &[(*start, *spiral)])
     }
 
     /// The swept footprint along a whole path.
     #[must_use]
     pub fn sweep_path(&self, path: &Path) -> Sweep {
-        Sweep::along(&self.origin, &self.body, &self.settings, &swept::pieces_of(path))
+        Sweep::along(&self.origin, &self.outline, &self.settings, &swept::pieces_of(path))
     }
 
     /// The check of a spiral against what does not move, coarse to fine and lazily: the answers of
@@ -237,13 +239,22 @@ impl CollisionWorld {
         self.predictions.blocked(sweeps, from, to)
     }
 
-    /// What the vehicle, without margins, overlaps at a pose and a time: an obstacle before the road's edge.
+    /// What the vehicle, without margins, overlaps at a pose and a time: an obstacle before the road's edge; of several
+    /// parts of the vehicle, the one that is deeper in.
     #[must_use]
     pub fn start_overlap(&self, pose: &Pose, time: f64) -> Option<Overlap> {
         let frame = Frame::new(&self.origin.local_pose(pose));
-        let fixed = self.statics.overlap(&self.body, &frame);
-        let on_obstacle = fixed.filter(|o| o.what != Blocker::RoadBoundary);
-        on_obstacle.or_else(|| self.predictions.overlap(&self.body.corners(&frame), time)).or(fixed)
+        let is_obstacle = |o: &Overlap| o.what != Blocker::RoadBoundary;
+        let mut worst: Option<Overlap> = None;
+        self.outline.for_each_part(&frame, |part| {
+            let fixed = self.statics.overlap(part);
+            let found = fixed.filter(is_obstacle).or_else(|| self.predictions.overlap(part, time)).or(fixed);
+            let rank = |o: Overlap| (is_obstacle(&o), o.depth);
+            if found.map(rank) > worst.map(rank) {
+                worst = found;
+            }
+        });
+        worst
     }
 }
 

@@ -7,10 +7,10 @@
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
 
-use super::convert::Origin;
+use super::convert::{Local, Origin};
 use super::convex::{Convex, boxes_meet};
 use super::drivable::{DrivableArea, OUTSIDE};
-use super::swept::{Body, FAN, Frame, Margins, Sweep, with_margins};
+use super::swept::{FAN, Margins, Sweep, with_margins};
 use super::wide::WideTree;
 use super::{Blocker, CollisionSettings, Overlap};
 use crate::map::{Cell, Motion, Scenario};
@@ -103,9 +103,10 @@ impl StaticWorld {
     /// The first cell in which the swept footprint, margins included, meets a static obstacle or leaves the road.
     #[must_use]
     pub fn first_hit(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
-        // the cells hang together: if no boundary meets them, all are inside as soon as one point is
+        // the cells of a part hang together: if no boundary meets them, all are inside as soon as one point is
         let first_judged = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
-        let stray = first_judged.filter(|i| !self.road.contains_local(sweep.frames()[*i].at));
+        let on_road = |i: usize| sweep.outline().all_parts(&sweep.frames()[i], |p| self.road.contains_local(p));
+        let stray = first_judged.filter(|i| !on_road(*i));
         let stray = stray.map(|i| i.min(sweep.cells() - 1));
         let hit = sweep
             .boxes()
@@ -172,7 +173,7 @@ impl StaticWorld {
         (&self.obstacle_margins, &self.road_margins)
     }
 
-    /// Distance of the vehicle's rectangle (no margins) to static obstacles and to the road's edge, the least over the
+    /// Distance of the vehicle (no margins) to static obstacles and to the road's edge, the least over the
     /// poses at every fourth cell limit and the last one, each `cap` at most, m. Meant for costs, after
     /// [`StaticWorld::first_hit`] found nothing: between these poses it may be smaller by what a bend brings.
     #[must_use]
@@ -180,26 +181,26 @@ impl StaticWorld {
         let frames = sweep.frames();
         let mut least = Clearance { obstacle: cap, road: cap };
         for frame in frames.iter().step_by(STRIDE).chain(frames.last()) {
-            let corners = sweep.body().corners(frame);
-            let aabb = Aabb::from_points_ref(&corners);
-            least.obstacle = super::nearest(&self.tree, &self.pieces, &corners, &aabb, least.obstacle);
-            least.road = self.road.boundary_distance(&corners, &aabb, least.road);
+            sweep.outline().for_each_part(frame, |part| {
+                let aabb = Aabb::from_points_ref(part);
+                least.obstacle = super::nearest(&self.tree, &self.pieces, part, &aabb, least.obstacle);
+                least.road = self.road.boundary_distance(part, &aabb, least.road);
+            });
         }
         least
     }
 
-    /// The static obstacle or the part off the road that the bare rectangle overlaps most deeply.
-    pub(super) fn overlap(&self, body: &Body, frame: &Frame) -> Option<Overlap> {
-        let corners = body.corners(frame);
-        let aabb = Aabb::from_points_ref(&corners);
+    /// The static obstacle, else the edge of the road, that a part of the bare footprint overlaps.
+    pub(super) fn overlap(&self, part: &[Local]) -> Option<Overlap> {
+        let aabb = Aabb::from_points_ref(part);
         let mut hits: Vec<u32> = self.tree.intersect_aabb(&aabb).collect();
         hits.sort_unstable();
-        let hit = hits.into_iter().find(|i| self.pieces[*i as usize].distance_to(&corners) == 0.0);
+        let hit = hits.into_iter().find(|i| self.pieces[*i as usize].distance_to(part) == 0.0);
         if let Some(i) = hit {
-            let depth = self.pieces[i as usize].depth_in(&corners);
+            let depth = self.pieces[i as usize].depth_in(part);
             return Some(Overlap { what: self.blocker(i), depth });
         }
-        let depth = self.road.depth_outside(body, frame)?;
+        let depth = self.road.depth_outside(part)?;
         Some(Overlap { what: Blocker::RoadBoundary, depth })
     }
 }

@@ -17,12 +17,14 @@
 //! of linear interpolation: the sagitta of the arc when X″ is constant). The chord lies in the hull of the two
 //! rectangles, hence ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (margins included) and with the largest
 //! |κ|, |κ′| of the cell, which are bounded by their Bernstein coefficients on it. The other points of the rectangle
-//! are convex combinations of its corners, so the bound for the corners is a bound for all.
+//! are convex combinations of its corners, so the bound for the corners is a bound for all; of parts within the
+//! rectangle, too, each swept for itself (`outline`).
 //!
 //! # Weakness
-//! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. At the default spacing ε is 0.9 cm on a
-//! car's tightest circle (κ = 0.2 1/m) and 2 cm where κ′ = 0.1 1/m² comes on top; the footprint stays within 5 cm of
-//! what is covered for spirals with knots up to 0.12 1/m (tested). It grows with the square of the spacing.
+//! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. Where both together come to a tenth of the
+//! spacing, the spiral is cut into shorter cells. So at the default spacing a footprint reaches at most 5 cm beyond
+//! what is covered on curvatures up to 0.2 1/m with changes up to 0.1 1/m² (tested: 3.8 cm). The excess of other spacings
+//! goes with the spacing.
 
 use std::sync::OnceLock;
 
@@ -33,6 +35,7 @@ use super::convert::{Local, Origin, vector};
 use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
 use super::course::Course;
 use super::moving::KeptRuns;
+use super::outline::Outline;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::trajectory::Path;
@@ -68,7 +71,7 @@ impl Margins {
     }
 }
 
-/// The vehicle's rectangle in the rear-axle frame, m.
+/// The vehicle's rectangle, or the one around its parts, in the rear-axle frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Body {
     rear: f64,
@@ -78,7 +81,7 @@ pub(super) struct Body {
 
 impl Body {
     pub(super) fn new(vehicle: &Vehicle) -> Self {
-        let [rear_right, _, front_left, _] = vehicle.footprint();
+        let [rear_right, _, front_left, _] = vehicle.footprint.bounding_rectangle();
         Self { rear: rear_right.x, front: front_left.x, half_width: front_left.y }
     }
 
@@ -128,11 +131,9 @@ impl Body {
         (along * along + across * across).sqrt()
     }
 
-    /// Depth to which a point lies inside the rectangle, m; negative outside.
-    pub(super) fn depth_of(&self, frame: &Frame, p: Local) -> f64 {
-        let d = p - frame.at;
-        let (x, y) = (d.dot(frame.forward), frame.forward.perp_dot(d));
-        (x - self.rear).min(self.front - x).min(self.half_width - y.abs())
+    /// Depth to which the rear axle lies inside the rectangle, m; negative outside.
+    pub(super) fn depth_of_rear_axle(&self) -> f64 {
+        self.front.min(-self.rear)
     }
 }
 
@@ -149,6 +150,11 @@ impl Frame {
         let (sin, cos) = local.yaw.sin_cos();
         Self { at: vector(local.position), forward: Local::new(cos, sin) }
     }
+
+    /// A point of the rear-axle frame, relative to the origin.
+    pub(super) fn to_world(self, p: Local) -> Local {
+        self.at + self.forward * p.x + self.forward.perp() * p.y
+    }
 }
 
 /// A swept footprint, cut into cells by station. Cell `i` is what the vehicle covers while its rear axle is anywhere
@@ -157,6 +163,8 @@ impl Frame {
 pub struct Sweep {
     /// Cell limits, m from the start; one more than there are cells.
     stations: Vec<f64>,
+    /// Limits of the station cells, m from the start, and which of them each cell is in.
+    station_cells: (Vec<f64>, Vec<u32>),
     frames: Vec<Frame>,
     /// ε of each cell, [`SKIN`] included, m.
     slack: Vec<f64>,
@@ -164,7 +172,7 @@ pub struct Sweep {
     boxes: BoxTree,
     /// Turned boxes around [`FAN`] cells each, without margins.
     slats: Vec<Slat>,
-    body: Body,
+    outline: Outline,
     origin: Origin,
     /// What moving obstacles block, once somebody asked.
     kept_runs: OnceLock<KeptRuns>,
@@ -173,10 +181,11 @@ pub struct Sweep {
 impl Sweep {
     pub(super) fn along(
         origin: &Origin,
-        body: &Body,
+        outline: &Outline,
         settings: &CollisionSettings,
         pieces: &[(Pose, CubicSpiral)],
     ) -> Self {
+        let body = outline.body();
         let widest = body.grown(&settings.widest(), 0.0);
         let mut course = Course::new(origin, (body, widest), settings.spacing, pieces);
         let cells = course.cells();
@@ -189,7 +198,10 @@ impl Sweep {
         });
         let boxes = BoxTree::new(boxes.collect());
         let slats = slats_of(body, &frames, &slack);
-        Self { stations, frames, slack, boxes, slats, body: *body, origin: *origin, kept_runs: OnceLock::new() }
+        let outline = outline.clone();
+        let station_cells = course.station_cells();
+        let (origin, kept_runs) = (*origin, OnceLock::new());
+        Self { stations, station_cells, frames, slack, boxes, slats, outline, origin, kept_runs }
     }
 
     /// Number of cells, at least one.
@@ -204,13 +216,30 @@ impl Sweep {
         &self.stations
     }
 
+    /// Limits of the station cells that the blocked grid is made of, m from the start: the spacing apart, or less by
+    /// rounding to the spirals' lengths. A station cell is one cell or, in tight bends, several.
+    pub(super) fn grid_stations(&self) -> &[f64] {
+        &self.station_cells.0
+    }
+
+    /// Number of station cells.
+    pub(super) fn grid_cells(&self) -> usize {
+        self.station_cells.0.len() - 1
+    }
+
+    /// The station cell that a cell is in.
+    pub(super) fn grid_cell(&self, cell: usize) -> usize {
+        self.station_cells.1[cell] as usize
+    }
+
     /// Length of the path swept, m.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.stations[self.stations.len() - 1]
     }
 
-    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell.
+    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell. For a
+    /// vehicle of several parts that of the rectangle around them: see [`Sweep::part_footprints`].
     #[must_use]
     pub fn footprint(&self, cell: usize, margins: &Margins) -> Vec<Point> {
         if cell >= self.cells() {
@@ -219,11 +248,27 @@ impl Sweep {
         self.corners(cell, margins).hull().iter().map(|p| self.origin.world(*p)).collect()
     }
 
+    /// The footprints of all parts of the vehicle in a cell, as [`Sweep::footprint`]: what is checked.
+    #[must_use]
+    pub fn part_footprints(&self, cell: usize, margins: &Margins) -> Vec<Vec<Point>> {
+        if cell >= self.cells() {
+            return Vec::new();
+        }
+        let world = |hull: Convex| hull.points().iter().map(|p| self.origin.world(*p)).collect();
+        let ends = [self.frames[cell], self.frames[cell + 1]];
+        match self.outline.swept(ends, margins, self.slack[cell]) {
+            Some(parts) => parts.hulls().map(world).collect(),
+            None => vec![self.footprint(cell, margins)],
+        }
+    }
+
     pub(super) fn corners(&self, cell: usize, margins: &Margins) -> SweptCorners {
-        let body = self.body.grown(margins, self.slack[cell]);
-        let [a, b, c, d] = body.corners(&self.frames[cell]);
-        let [e, f, g, h] = body.corners(&self.frames[cell + 1]);
-        SweptCorners::new([a, b, c, d, e, f, g, h])
+        let body = self.outline.body().grown(margins, self.slack[cell]);
+        let ends = [self.frames[cell], self.frames[cell + 1]];
+        let [a, b, c, d] = body.corners(&ends[0]);
+        let [e, f, g, h] = body.corners(&ends[1]);
+        let parts = self.outline.swept(ends, margins, self.slack[cell]);
+        SweptCorners::new([a, b, c, d, e, f, g, h]).with_parts(parts)
     }
 
     pub(super) fn kept_runs(&self) -> &OnceLock<KeptRuns> {
@@ -234,8 +279,8 @@ impl Sweep {
         &self.frames
     }
 
-    pub(super) fn body(&self) -> &Body {
-        &self.body
+    pub(super) fn outline(&self) -> &Outline {
+        &self.outline
     }
 
     pub(super) fn boxes(&self) -> &BoxTree {

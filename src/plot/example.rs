@@ -15,7 +15,7 @@ use crate::map::{
 use crate::planner::{Candidate, Cycle, Decision, StageSeconds};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 use crate::verdict::{Check, Verdict};
 
 /// Everything that a [`Run`] borrows.
@@ -175,6 +175,7 @@ fn car() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.578,

@@ -176,7 +176,9 @@ impl Scene<'_> {
         svg.group(&group.num("stroke-width", 0.7).with("fill-opacity", "0.55"), |svg| {
             for sample in self.prints() {
                 let colour = style::hex(style::viridis(sample.speed / self.top_speed));
-                svg.add(&view.polygon(&footprint(self.run.vehicle, &sample.pose)).with("fill", &colour));
+                for part in footprint(self.run.vehicle, &sample.pose) {
+                    svg.add(&view.polygon(&part).with("fill", &colour));
+                }
             }
         });
     }

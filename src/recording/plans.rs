@@ -39,8 +39,8 @@ fn log_cycle(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
     let line: Vec<Point> =
         std::iter::once(plan.path.at(from).pose.position).chain(ahead).chain([stop.position]).collect();
     context.log("map/plan/committed", &strips(vec![context.line(&line)], style::PLAN, pixels(1.6), order::PLAN))?;
-    let print = context.ring(&footprint(context.run.vehicle, &stop));
-    context.log("map/plan/proven_stop", &strips(vec![print], style::PROVEN_STOP, pixels(1.2), order::PLAN))
+    let print = footprint(context.run.vehicle, &stop).iter().map(|part| context.ring(part)).collect();
+    context.log("map/plan/proven_stop", &strips(print, style::PROVEN_STOP, pixels(1.2), order::PLAN))
 }
 
 fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {

@@ -27,8 +27,9 @@ impl InCells {
 /// The deepest overlap over all samples; `None` if there is none.
 pub(super) fn deepest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Option<InCells> {
     let grid = scenario.occupancy.as_ref()?;
-    let footprints: Vec<_> = log.samples.iter().map(|s| (s.time, footprint_at(vehicle, &s.pose))).collect();
-    let way: Vec<Point> = footprints.iter().flat_map(|(_, corners)| *corners).collect();
+    let parts = log.samples.iter().flat_map(|s| footprint_at(vehicle, &s.pose).into_iter().map(|part| (s.time, part)));
+    let parts: Vec<(f64, Vec<Point>)> = parts.collect();
+    let way: Vec<Point> = parts.iter().flat_map(|(_, corners)| corners).copied().collect();
     let way = Bounds::of(&way);
     let blocks = grid.blocks(|cell| cell == Cell::Occupied);
     let near: Vec<(Bounds, [Point; 4])> = blocks
@@ -38,10 +39,10 @@ pub(super) fn deepest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Opti
         .filter(|(bounds, _)| bounds.near(&way, 0.0))
         .collect();
     let mut worst: Option<InCells> = None;
-    for (time, footprint) in &footprints {
-        let here = Bounds::of(footprint);
+    for (time, part) in &parts {
+        let here = Bounds::of(part);
         for (_, corners) in near.iter().filter(|(bounds, _)| bounds.near(&here, 0.0)) {
-            let depth = -gap(footprint, &ConvexPart::Polygon(corners.to_vec()));
+            let depth = -gap(part, &ConvexPart::Polygon(corners.to_vec()));
             if depth > worst.map_or(0.0, |w| w.depth) {
                 let at = nalgebra::center(&corners[0], &corners[2]);
                 worst = Some(InCells { depth, time: *time, at });

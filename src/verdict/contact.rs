@@ -120,10 +120,11 @@ impl<'a> Body<'a> {
         Self { obstacle, local: Group::new(obstacle.shape.convex_parts(), Point::origin()), sets }
     }
 
-    /// The gap at `time` if it is smaller than `floor`, else something not smaller.
-    fn gap_at(&self, time: f64, footprint: &[Point], centre: Point, reach: f64, floor: f64) -> f64 {
+    /// The gap at `time` between the nearest parts if it is smaller than `floor`, else something not smaller.
+    fn gap_at(&self, time: f64, footprint: &[Vec<Point>], centre: Point, reach: f64, floor: f64) -> f64 {
         let out_of_reach = |c: Point, radius: f64| (c - centre).norm() - radius - reach >= floor;
-        let smallest = |parts: &mut dyn Iterator<Item = f64>| parts.fold(f64::INFINITY, f64::min);
+        let smallest = |gaps: &mut dyn Iterator<Item = f64>| gaps.fold(f64::INFINITY, f64::min);
+        let to = |part: &ConvexPart| smallest(&mut footprint.iter().map(|own| gap(own, part)));
         match (&self.obstacle.motion, self.obstacle.pose_at(time)) {
             (Motion::Occupancy(_), _) => smallest(
                 &mut self
@@ -132,10 +133,10 @@ impl<'a> Body<'a> {
                     .filter(|(from, to, group)| {
                         *from <= time && time <= *to && !out_of_reach(group.centre, group.radius)
                     })
-                    .flat_map(|(_, _, group)| group.parts.iter().map(|part| gap(footprint, part))),
+                    .flat_map(|(_, _, group)| group.parts.iter().map(to)),
             ),
             (_, Some(pose)) if !out_of_reach(pose.position, self.local.radius) => {
-                smallest(&mut self.local.parts.iter().map(|part| gap(footprint, &part.at(&pose))))
+                smallest(&mut self.local.parts.iter().map(|part| to(&part.at(&pose))))
             }
             _ => f64::INFINITY,
         }

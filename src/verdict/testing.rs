@@ -17,7 +17,7 @@ use crate::map::{
 use crate::planner::{Cycle, Decision, StageSeconds};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
 /// Where in the world the run takes place, and whether it is seen in a mirror.
 #[derive(Debug, Clone, Copy)]
@@ -235,6 +235,7 @@ fn bmw() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.422),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.578,

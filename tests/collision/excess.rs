@@ -26,7 +26,7 @@ fn outside(pose: &Pose, p: Point) -> f64 {
 fn vehicle_rectangle() -> (f64, f64, f64) {
     static RECTANGLE: std::sync::OnceLock<(f64, f64, f64)> = std::sync::OnceLock::new();
     *RECTANGLE.get_or_init(|| {
-        let [rear_right, _, front_left, _] = vehicle().footprint();
+        let [rear_right, _, front_left, _] = vehicle().footprint.bounding_rectangle();
         (rear_right.x, front_left.x, front_left.y)
     })
 }

@@ -59,7 +59,7 @@ fn real_grids() -> Vec<(PathBuf, OccupancyGrid)> {
 
 /// Whether a cell is occupied anywhere within the bare footprint grown by `by`, by points no farther apart than `every`.
 fn touches(grid: &OccupancyGrid, pose: &Pose, by: f64, every: f64) -> bool {
-    let [rear_right, _, front_left, _] = vehicle().footprint();
+    let [rear_right, _, front_left, _] = vehicle().footprint.bounding_rectangle();
     let along = |from: f64, to: f64| {
         let n = ((to - from) / every).ceil();
         (0..=n as u32).map(move |i| from + (to - from) * f64::from(i) / n)

@@ -6,13 +6,14 @@ use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
 use stopline::map::{ConvexPart, Lanelet, Motion, Obstacle, ObstacleKind, Part, RoadNetwork, Scenario, Shape};
-use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
 /// The published dimensions of the BMW 320i; the rest does not matter here.
 pub(crate) fn vehicle() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.5789,
@@ -130,7 +131,7 @@ pub(crate) fn world(scenario: &Scenario, settings: &CollisionSettings) -> Collis
 }
 
 pub(crate) fn footprint(pose: &Pose) -> Vec<Point> {
-    vehicle().footprint().iter().map(|p| pose.to_world(*p)).collect()
+    vehicle().footprint.bounding_rectangle().iter().map(|p| pose.to_world(*p)).collect()
 }
 
 /// Signed separation of convex polygons over the directions of their edges: negative when they overlap. Slow and simple.

@@ -54,7 +54,7 @@ proptest! {
             let hull = sweep.footprint(cell, &margins);
             for i in 0..=20 {
                 let pose = spiral.point_at(&start, from + (to - from) * f64::from(i) / 20.0).pose;
-                for corner in vehicle().footprint() {
+                for corner in vehicle().footprint.bounding_rectangle() {
                     let grown = corner + Vector::new((corner.x - 1.4227).signum() * longitudinal, corner.y.signum() * lateral);
                     let p = pose.to_world(grown);
                     for j in 0..hull.len() {

@@ -49,7 +49,7 @@ struct Rectangle {
 
 impl Rectangle {
     fn new() -> Self {
-        let [rear_right, _, front_left, _] = vehicle().footprint();
+        let [rear_right, _, front_left, _] = vehicle().footprint.bounding_rectangle();
         Self { rear: rear_right.x, front: front_left.x, half_width: front_left.y }
     }
 
