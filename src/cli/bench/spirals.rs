@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use crate::bench::spirals::{BOUND, Check, Comparison, Method, Row, Settings, compare};
+use crate::bench::spirals::{BOUND, Check, Comparison, Method, Row, SOFT, Settings, compare};
 use crate::cli::args::SpiralArgs;
 use crate::cli::job::Outputs;
 use crate::cli::{Exit, Failure, json as result, print, report};
@@ -123,11 +123,26 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let check = |c: &Check| {
         let held = if c.pass { "held" } else { "FAILED" };
-        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.0e}", c.limit), c.unit].map(str::to_owned).to_vec()
+        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
     };
     text += &report::table(&std::iter::once(head).chain(checks.iter().map(check)).collect::<Vec<_>>());
     let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
     text
+}
+
+/// What the rows mean.
+fn notes() -> String {
+    format!(
+        "\n\
+         bound         |κ| ≤ {BOUND} 1/m everywhere; where it bites: the problems in which the pinned cubic spiral breaks it\n\
+         soft end      slides sideways for {SOFT} 1/m³ of bending energy a square metre; every program by Clarabel\n\
+         bound bites   the cubic's end slides sideways as little as it must (Clarabel, second-order cones); the quintic's\n\
+                       stays where it is (Clarabel, cuts): many of these problems have no such spiral\n\
+         quintic       least bending energy, all pinned, every program by Clarabel\n\
+         polynomial    x and y of degree five; tangents as long as the chord, or searched for least bending energy\n\
+         shooting      the lecture's way: Newton with Simpson's rule and differences\n\
+         time          of one problem, the shortest of three runs; everything else is the same in every repetition\n"
+    )
 }
 
 fn cells(row: &Row) -> Vec<String> {
@@ -137,8 +152,8 @@ fn cells(row: &Row) -> Vec<String> {
         row.method.label().into(),
         row.problems.to_string(),
         row.solved.to_string(),
-        found(format!("{:.1}", row.time.median_us)),
-        found(format!("{:.1}", row.time.p99_us)),
+        found(format!("{:.2}", row.time.median_us)),
+        found(format!("{:.2}", row.time.p99_us)),
         found(format!("{:.1e}", row.worst_residual)),
         found(format!("{:.2}", row.worst_slide)),
         found(format!("{:.4}", row.max_curvature)),
