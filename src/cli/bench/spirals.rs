@@ -115,10 +115,7 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
     let units = ["", "", "", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
     let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
     text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
-    let _ = writeln!(
-        text,
-        "\nbound: |κ| ≤ {BOUND} 1/m everywhere; the row where it bites is for the problems in which the free spiral breaks it"
-    );
+    text += &notes();
     text.push('\n');
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let check = |c: &Check| {
@@ -133,15 +130,15 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
 /// What the rows mean.
 fn notes() -> String {
     format!(
-        "\n\
-         bound         |κ| ≤ {BOUND} 1/m everywhere; where it bites: the problems in which the pinned cubic spiral breaks it\n\
-         soft end      slides sideways for {SOFT} 1/m³ of bending energy a square metre; every program by Clarabel\n\
-         bound bites   the cubic's end slides sideways as little as it must (Clarabel, second-order cones); the quintic's\n\
-                       stays where it is (Clarabel, cuts): many of these problems have no such spiral\n\
-         quintic       least bending energy, all pinned, every program by Clarabel\n\
-         polynomial    x and y of degree five; tangents as long as the chord, or searched for least bending energy\n\
-         shooting      the lecture's way: Newton with Simpson's rule and differences\n\
-         time          of one problem, the shortest of three runs; everything else is the same in every repetition\n"
+        "
+bound        |κ| ≤ {BOUND} 1/m everywhere; it bites where the pinned cubic spiral breaks it
+soft end     may slide sideways, for {SOFT} 1/m³ · slide² of bending energy; every program by Clarabel
+bound bites  the cubic's end slides sideways as little as it must (second-order cones); the quintic's is pinned (cuts)
+quintic      the spiral of least bending energy, all pinned, every program by Clarabel
+polynomial   x and y of degree five; tangents as long as the chord, or searched for least bending energy
+shooting     the lecture's way to the first row: Newton with Simpson's rule and differences
+time         of one problem, the shortest of three runs; all else is the same in every repetition
+"
     )
 }
 

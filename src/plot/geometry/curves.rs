@@ -225,7 +225,7 @@ pub(super) fn beside_each_other() -> String {
         legend_row(svg, (MARGIN, top + plane.height), &entries);
         let (below, width) = (top + plane.height + LEGEND + 8.0, 0.5 * (CONTENT - GAP));
         let left = Area { corner: (MARGIN, below), width, height: panel };
-        let limits = vec![bound_line(BOUND, "0.12 1/m")];
+        let limits = vec![bound_line(-BOUND, "−0.12 1/m")];
         Panel { limits, ..curvature_panel("curvature", &drawn, (-0.1, 0.1)) }.draw(svg, left);
         let right = Area { corner: (MARGIN + width + GAP, below), ..left };
         sensitivity(&problem).draw(svg, right);

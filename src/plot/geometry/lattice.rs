@@ -20,8 +20,6 @@ const START: f64 = 33.0;
 const HORIZON: f64 = 75.0;
 /// Speed there, m/s: it decides how long the edges are.
 const SPEED: f64 = 8.0;
-/// Offsets a metre apart, twice the planner's spacing: fewer lines, the same picture.
-const OFFSETS: f64 = 1.0;
 /// Clearance from which on an edge has the colour of plenty, m.
 const PLENTY: f64 = 2.0;
 
@@ -54,8 +52,7 @@ impl<'a> Stage<'a> {
         let settings = ReferenceSettings::default();
         let reference = ReferenceLine::new(&scenario.network, &lane.lanelets, vehicle.width, &settings).ok()?;
         let world = CollisionWorld::new(scenario, vehicle, &CollisionSettings::default(), 0.0).ok()?;
-        let settings = Settings { offset_spacing: OFFSETS, ..Settings::default() };
-        Some(Self { scenario, vehicle, world, reference, settings })
+        Some(Self { scenario, vehicle, world, reference, settings: Settings::default() })
     }
 
     fn ground(&self) -> Ground<'_> {
@@ -82,11 +79,11 @@ impl<'a> Stage<'a> {
         let last = chain.path.at(chain.path.length()).pose.position;
         let stations = ends.chain([last]).map(|p| self.reference.project(p).s);
         #[allow(clippy::cast_possible_truncation)] // a dozen
-        let widest = (self.settings.offset_limit / OFFSETS) as i32;
+        let widest = (self.settings.offset_limit / self.settings.offset_spacing) as i32;
         let layer = |(i, s): (usize, f64)| {
             let offsets = if i == 0 { 0..=0 } else { -widest..=widest };
             offsets
-                .filter_map(|l| self.reference.offset_pose(s, f64::from(l) * OFFSETS))
+                .filter_map(|l| self.reference.offset_pose(s, f64::from(l) * self.settings.offset_spacing))
                 .filter(|node| i == 0 || self.is_on_road(&node.pose))
                 .collect()
         };
@@ -134,8 +131,8 @@ impl<'a> Stage<'a> {
 
     /// The lattice with the chain that won.
     pub(super) fn lattice(&self) -> String {
-        let about = "nodes at stations × offsets of the reference line, every edge a cubic spiral whose swept footprint was \
-                     checked; the cheapest chain goes left round the first car and right round the second";
+        let about = "nodes at stations × offsets of the reference line; every edge is a cubic spiral with its swept footprint \
+                     checked; the cheapest chain passes left, then right";
         let plane = band(0.0, 236.0);
         sheet("A conformal lattice on a slalom", about, plane.height + 2.0 * LEGEND, |svg, top| {
             let plane = Area { corner: (MARGIN, top), ..plane };
@@ -177,8 +174,8 @@ impl<'a> Stage<'a> {
 
     /// The swept footprint beside the first obstacle.
     pub(super) fn sweep(&self) -> String {
-        let about = "cells of half a metre: each the hull of the rectangle at its two ends, grown by ε; obstacles must stay \
-                     outside the margin, which holds against every pose between the samples";
+        let about = "cells of half a metre, each the hull of the vehicle's rectangle at its two ends, grown by ε: no pose between \
+                     the samples reaches out of them";
         let plane = band(0.0, 520.0);
         sheet("A swept footprint", about, plane.height + LEGEND, |svg, top| {
             let plane = Area { corner: (MARGIN, top), ..plane };
@@ -193,13 +190,15 @@ impl<'a> Stage<'a> {
                 road(svg, &view, &self.scenario.network);
                 self.obstacles(svg, &view);
                 self.swept(svg, &view, &chain);
+                self.one_cell(svg, &view, &chain, middle);
                 scale_bar(svg, &view);
             });
-            self.close_up(svg, &view, &chain, &beside);
+            self.close_up(svg, &view, &chain);
             let entries = [
-                (Mark::Box(style::PLAN, "0.25"), "cells of the swept footprint".into()),
-                (Mark::Line(style::ALARM, "5 3", 1.2), "with the margin of 0.2 m to obstacles".into()),
-                (Mark::Line(style::INK, "", 1.4), "truth: the corners at a thousand poses".into()),
+                (Mark::Box(style::PLAN, "0.45"), "swept footprint, all cells".into()),
+                (Mark::Line(style::VULNERABLE, "", 1.8), "one cell, its two ends dashed".into()),
+                (Mark::Box(style::WANTED, "0.3"), "margin to obstacles, 0.2 m".into()),
+                (Mark::Line(style::INK, "", 1.4), "truth: the corners, each 5 cm".into()),
                 (Mark::Line(style::DRIVEN, "", 1.8), "rear axle".into()),
                 (Mark::Box(style::STATIC, "1"), "parked car".into()),
             ];
@@ -207,13 +206,12 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// Cells, margins and dense truth.
+    /// Cells, margins and dense truth. Each of the first two has its opacity as a group: overlaps do not add up.
     fn swept(&self, svg: &mut Svg, view: &View, chain: &LatticePath) {
         let margins = CollisionSettings::default().static_obstacles;
-        let cells = Element::new("g").with("fill", style::PLAN).with("fill-opacity", "0.10");
-        each_cell(svg, view, chain, &Margins::NONE, &cells.with("stroke", style::PLAN).num("stroke-width", 0.7));
-        let grown = Element::new("g").with("fill", "none").with("stroke", style::ALARM).num("stroke-width", 0.7);
-        each_cell(svg, view, chain, &margins, &grown.with("stroke-dasharray", "5 3").with("stroke-opacity", "0.55"));
+        let flat = |colour, opacity| Element::new("g").with("fill", colour).with("opacity", opacity);
+        each_cell(svg, view, chain, &margins, &flat(style::WANTED, "0.3"));
+        each_cell(svg, view, chain, &Margins::NONE, &flat(style::PLAN, "0.75"));
         for trace in self.corner_traces(chain) {
             svg.add(&stroke(view.line(&trace), style::INK, 1.2));
         }
@@ -221,59 +219,78 @@ impl<'a> Stage<'a> {
         svg.add(&stroke(view.line(&points), style::DRIVEN, 1.8));
     }
 
+    /// The cell beside `place` with the rectangles that it is the hull of.
+    fn one_cell(&self, svg: &mut Svg, view: &View, chain: &LatticePath, place: Point) {
+        let mut before = 0.0;
+        let mut cells: Vec<(Vec<Point>, [f64; 2])> = Vec::new();
+        for sweep in &chain.sweeps {
+            let ends = sweep.stations().windows(2).map(|w| [before + w[0], before + w[1]]);
+            cells.extend((0..sweep.cells()).map(|cell| sweep.footprint(cell, &Margins::NONE)).zip(ends));
+            before += sweep.length();
+        }
+        let distance = |(outline, _): &(Vec<Point>, [f64; 2])| {
+            Bounds::around(outline).map_or(f64::INFINITY, |b| (b.centre() - place).norm())
+        };
+        let Some((outline, ends)) = cells.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))) else { return };
+        for station in ends {
+            let pose = chain.path.at(*station).pose;
+            let rectangle = view.polygon(&self.corners().map(|corner| pose.to_world(corner))).with("fill", "none");
+            svg.add(&stroke(rectangle, style::VULNERABLE, 0.9).with("stroke-dasharray", "4 3"));
+        }
+        svg.add(&stroke(view.polygon(outline).with("fill", "none"), style::VULNERABLE, 1.8).with("id", "one-cell"));
+    }
+
+    /// Corners of the vehicle in the rear-axle frame, counter-clockwise from rear right.
+    fn corners(&self) -> [Point; 4] {
+        let front = self.vehicle.front_overhang_from_rear_axle();
+        let (rear, side) = (front - self.vehicle.length, 0.5 * self.vehicle.width);
+        [(rear, -side), (front, -side), (front, side), (rear, side)].map(|(x, y)| Point::new(x, y))
+    }
+
     /// Where the four corners of the vehicle run, densely.
     fn corner_traces(&self, chain: &LatticePath) -> [Vec<Point>; 4] {
         const SPACING: f64 = 0.05;
-        let front = self.vehicle.front_overhang_from_rear_axle();
-        let (rear, side) = (front - self.vehicle.length, 0.5 * self.vehicle.width);
         let poses = chain.path.sampled(SPACING);
-        [(rear, -side), (front, -side), (front, side), (rear, side)]
-            .map(|(x, y)| poses.iter().map(|(_, p)| p.pose.to_world(Point::new(x, y))).collect())
+        self.corners().map(|corner| poses.iter().map(|(_, p)| p.pose.to_world(corner)).collect())
     }
 
-    /// A window, enlarged, on the place where the vehicle's right side comes nearest to the obstacle.
-    fn close_up(&self, svg: &mut Svg, view: &View, chain: &LatticePath, obstacle: &Bounds) {
-        const ZOOM: f64 = 12.0;
-        let corner = Point::new(obstacle.max.x, obstacle.max.y);
-        let [rear_right, ..] = self.corner_traces(chain);
-        let nearest = |a: &&Point, b: &&Point| (**a - corner).norm().total_cmp(&(**b - corner).norm());
-        let Some(place) = rear_right.iter().min_by(nearest) else { return };
+    /// A window, enlarged, on the corner that swings out in the sharpest bend in view: there the truth comes nearest to
+    /// the edge of what is covered.
+    fn close_up(&self, svg: &mut Svg, view: &View, chain: &LatticePath) {
+        const ZOOM: f64 = 32.0;
+        let poses = chain.path.sampled(0.05);
+        let seen = poses.iter().map(|(_, p)| p).filter(|p| view.bounds.grown(-1.5).shows([&p.pose.position]));
+        let sharpest = seen.max_by(|a, b| a.curvature.abs().total_cmp(&b.curvature.abs()));
+        let Some(sharpest) = sharpest else { return };
+        let [_, front_right, front_left, _] = self.corners();
+        let outer = if sharpest.curvature > 0.0 { front_right } else { front_left };
+        let place = sharpest.pose.to_world(outer);
         let (width, height) = (330.0, 190.0);
-        let area = Area {
-            corner: (
-                view.area.corner.0 + view.area.width - width - 14.0,
-                view.area.corner.1 + view.area.height - height - 14.0,
-            ),
-            width,
-            height,
-        };
+        // beside the scale bar
+        let bottom = view.area.corner.1 + view.area.height - 14.0;
+        let area = Area { corner: (view.area.corner.0 + 130.0, bottom - height), width, height };
         let half = nalgebra::Vector2::new(width, height) / (2.0 * ZOOM * view.scale);
-        let window = Bounds { min: *place - half, max: *place + half };
-        let inner = View::new(window, area);
+        let window = Bounds { min: place - half, max: place + half };
+        let zoomed = View::new(window, area);
         let frame = |corner: (f64, f64), w: f64, h: f64| {
             Element::rect(corner, w, h).with("fill", "none").with("stroke", style::INK).num("stroke-width", 1.2)
         };
         let (x, y) = view.page(&Point::new(window.min.x, window.max.y));
         let (w, h) = (width / ZOOM, height / ZOOM);
-        for (from, to) in [
-            ((x, y + h), (area.corner.0, area.corner.1 + height)),
-            ((x + w, y), (area.corner.0 + width, area.corner.1)),
-        ] {
+        let (left, top) = area.corner;
+        for (from, to) in [((x, y + h), (left, top)), ((x + w, y + h), (left + width, top))] {
             svg.add(&Element::line(from, to).with("stroke", style::FAINT_INK).num("stroke-width", 0.7));
         }
-        framed(svg, "close-up", &inner, style::ROAD, |svg| {
-            for outline in self.scenario.obstacles.iter().flat_map(|o| obstacle_outlines(o, 0.0)) {
-                svg.add(&inner.polygon(&outline).with("fill", style::STATIC).with("stroke", style::INK));
-            }
-            self.swept(svg, &inner, chain);
-            let bar = 0.1 * inner.scale;
-            let (right, bottom) = (area.corner.0 + width - 14.0, area.corner.1 + height - 14.0);
+        framed(svg, "close-up", &zoomed, style::ROAD, |svg| {
+            self.swept(svg, &zoomed, chain);
+            let bar = 0.01 * zoomed.scale;
+            let (right, bottom) = (left + width - 14.0, bottom - 14.0);
             svg.add(
                 &Element::line((right - bar, bottom), (right, bottom))
                     .with("stroke", style::INK)
                     .num("stroke-width", 1.6),
             );
-            label(svg, (right - 0.5 * bar, bottom - 6.0), "middle", style::INK, "10 cm");
+            label(svg, (right - 0.5 * bar, bottom - 6.0), "middle", style::INK, "1 cm");
         });
         svg.add(&frame((x, y), w, h));
         svg.add(&frame(area.corner, width, height));
@@ -282,13 +299,13 @@ impl<'a> Stage<'a> {
 
 /// Free edges by clearance, the close ones first so that the open ones stay visible; blocked ones below all.
 fn edges_of(svg: &mut Svg, view: &View, edges: &[Edge]) {
-    let blocked = Element::new("g").with("id", "blocked-edges").with("stroke", style::ALARM).num("stroke-width", 0.6);
-    svg.group(&blocked.with("stroke-dasharray", "2 3").with("stroke-opacity", "0.55"), |svg| {
+    let blocked = Element::new("g").with("id", "blocked-edges").with("stroke", style::ALARM).num("stroke-width", 0.5);
+    svg.group(&blocked.with("stroke-dasharray", "2 3").with("stroke-opacity", "0.5"), |svg| {
         edges.iter().filter(|e| e.blocked).for_each(|e| svg.add(&view.line(&e.points)));
     });
     let mut free: Vec<&Edge> = edges.iter().filter(|e| !e.blocked).collect();
     free.sort_by(|a, b| a.clearance.total_cmp(&b.clearance));
-    svg.group(&Element::new("g").with("id", "free-edges").num("stroke-width", 0.9), |svg| {
+    svg.group(&Element::new("g").with("id", "free-edges").num("stroke-width", 0.8), |svg| {
         for edge in free {
             let colour = style::hex(style::viridis(edge.clearance / PLENTY));
             svg.add(&view.line(&edge.points).with("stroke", &colour));
