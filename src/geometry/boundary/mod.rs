@@ -41,6 +41,8 @@
 //! on length, bending energy alone prefers ever longer detours.
 
 mod basis;
+#[cfg(test)]
+mod reference;
 mod scaled;
 mod sequential;
 mod subproblem;

@@ -128,6 +128,24 @@ impl<const K: usize> Scaled<K> {
         }
     }
 
+    /// The same problem for another number of knots.
+    pub(super) fn with_knots<const OTHER: usize>(&self) -> Scaled<OTHER> {
+        Scaled {
+            unit: self.unit,
+            mirror: self.mirror,
+            start_curvature: self.start_curvature,
+            target: self.target,
+            end_curvature: self.end_curvature,
+            conditions: self.conditions,
+            rates: self.rates,
+            bounds: self.bounds,
+            aims: self.aims,
+            tolerance: self.tolerance,
+            asked: self.asked,
+            always_convex: self.always_convex,
+        }
+    }
+
     /// The spiral in the problem's own units.
     pub(super) fn unscaled(&self, spiral: &Spiral<K>) -> Spiral<K> {
         let mut knots = spiral.knots.map(|k| k * self.mirror / self.unit);

@@ -153,6 +153,16 @@ impl<const K: usize> Polynomial<K> {
         sum
     }
 
+    /// The derivative of any order.
+    pub(crate) fn derivative_of_order(&self, order: usize, u: f64) -> f64 {
+        let mut coefficients = self.0;
+        let mut count = K;
+        for _ in 0..order {
+            count = differentiate(&mut coefficients, count);
+        }
+        horner(&coefficients[..count], u)
+    }
+
     /// ∫₀ᵘ.
     #[inline]
     pub(crate) fn integral(&self, u: f64) -> f64 {
