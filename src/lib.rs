@@ -1,6 +1,7 @@
 //! **stopline**: a local planner for road vehicles that never commits to a trajectory it cannot stop from, and a physics
 //! rig that checks that it was right.
 
+pub mod bench;
 pub mod cli;
 pub mod collision;
 pub mod convex;

@@ -12,6 +12,11 @@ const EXIT_CODES: &str = "Exit codes:
   3  an input is unreadable or invalid, or an output cannot be written
   4  a fault of the program itself";
 
+/// Problems of a comparison.
+const DEFAULT_PROBLEMS: u32 = 2000;
+/// Most problems that can be asked for: about ten minutes.
+const MAX_PROBLEMS: u32 = 1_000_000;
+
 /// Most threads that can be asked for.
 const MAX_THREADS: u16 = 1024;
 
@@ -31,6 +36,53 @@ pub(super) enum Command {
     /// Closed loop: replan at 10 Hz, execute in physics, judge.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Drive(RunArgs),
+    /// Comparisons on problems made from a seed.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Bench(BenchArgs),
+}
+
+/// Arguments of `bench`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct BenchArgs {
+    #[command(subcommand)]
+    pub(super) comparison: Comparison,
+}
+
+/// What to compare.
+#[derive(Debug, Subcommand)]
+pub(super) enum Comparison {
+    /// Smooth paths between lattice ends: spirals, polynomials, the lecture's way.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Spirals(SpiralArgs),
+}
+
+/// Arguments of `bench spirals`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct SpiralArgs {
+    /// Seed of the problems.
+    #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED)]
+    pub(super) seed: u64,
+
+    /// Number of problems.
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_PROBLEMS,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PROBLEMS)))]
+    pub(super) problems: u32,
+
+    /// The result as JSON; `-` prints it on stdout, and nothing else.
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    pub(super) json: Option<PathBuf>,
+
+    /// What each method made of each problem, as a table.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) csv: Option<PathBuf>,
+
+    /// A picture.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) svg: Option<PathBuf>,
+
+    /// No report; errors only.
+    #[arg(long)]
+    pub(super) quiet: bool,
 }
 
 /// Arguments of `plan` and `drive`.

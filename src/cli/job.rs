@@ -4,7 +4,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
-use super::args::{Command, RunArgs};
+use super::args::RunArgs;
 use super::engine::Settings;
 use crate::io::{commonroad, files, ros_map};
 use crate::map::{PlanningProblem, Scenario};
@@ -34,7 +34,7 @@ pub(super) struct Job {
 }
 
 /// Where results go.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Outputs {
     /// `-` is stdout.
     pub(super) json: Option<PathBuf>,
@@ -44,18 +44,9 @@ pub(super) struct Outputs {
     pub(super) rrd: Option<PathBuf>,
 }
 
-impl Command {
-    /// Reads the inputs and checks the outputs.
-    pub(super) fn into_job(self) -> Result<Job, Failure> {
-        match self {
-            Self::Plan(args) => Job::new(Kind::Plan, args),
-            Self::Drive(args) => Job::new(Kind::Drive, args),
-        }
-    }
-}
-
 impl Job {
-    fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
+    /// Reads the inputs and checks the outputs.
+    pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
         let inputs = [Some(args.scenario.as_path()), args.config.as_deref(), args.grid.as_deref()];
         let outputs = Outputs { json: args.json, csv: args.csv, solution: args.solution, svg: args.svg, rrd: args.rrd };
         outputs.check(&inputs)?;
@@ -140,7 +131,7 @@ impl Outputs {
     }
 
     /// Each file once, none of them an input, all writable.
-    fn check(&self, inputs: &[Option<&Path>]) -> Result<(), Failure> {
+    pub(super) fn check(&self, inputs: &[Option<&Path>]) -> Result<(), Failure> {
         if self.rrd.is_some() && !cfg!(feature = "rerun") {
             let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
             return Err(Failure::Use(reason.into()));

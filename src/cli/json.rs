@@ -112,7 +112,7 @@ fn plan(run: &Run, samples: &[Sample]) -> Value {
 }
 
 /// SHA-256 over the canonical JSON and the bits of the states, in hexadecimal.
-fn hash(result: &Value, samples: &[Sample]) -> String {
+pub(super) fn hash(result: &Value, samples: &[Sample]) -> String {
     let mut hasher = Sha256::new();
     hasher.update(canonical(result).to_string());
     for s in samples {

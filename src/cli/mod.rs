@@ -2,11 +2,12 @@
 //!
 //! `args` is what can be typed. `job` makes of it something that can run: every input read and checked, every output
 //! known to be writable, before anything starts. `engine` runs it, the only file that knows planner and physics.
-//! `report` and `json` say what happened. Results go to stdout, everything else to stderr.
+//! `report` and `json` say what happened. `bench` holds the comparisons, one file each, which need no job. Results go to stdout, everything else to stderr.
 //!
 //! What happened is in the exit code, [`Exit`]: outcomes are not errors.
 
 mod args;
+mod bench;
 mod engine;
 mod job;
 mod json;
@@ -18,7 +19,8 @@ use std::process::ExitCode;
 
 use clap::Parser as _;
 
-use job::Job;
+use args::Command;
+use job::{Job, Kind};
 
 /// The exit codes, as published in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +82,12 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
             return if message.use_stderr() { Exit::WrongUse } else { Exit::Held };
         }
     };
-    args.command.into_job().and_then(|job| report_on(&job)).unwrap_or_else(|failure| {
+    let ran = match args.command {
+        Command::Plan(args) => Job::new(Kind::Plan, args).and_then(|job| report_on(&job)),
+        Command::Drive(args) => Job::new(Kind::Drive, args).and_then(|job| report_on(&job)),
+        Command::Bench(args) => bench::run(args.comparison),
+    };
+    ran.unwrap_or_else(|failure| {
         say(&format!("error: {failure}"));
         failure.exit()
     })

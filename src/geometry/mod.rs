@@ -3,8 +3,10 @@
 //! Frame: x east/forward, y north/left, yaw counter-clockwise from +x, SI units, radians.
 //! Curvature, lateral offset and steering are positive to the left.
 
+pub mod boundary;
 pub mod polyline;
 pub mod quadrature;
+pub mod quintic;
 pub mod spiral;
 pub mod spiral_opt;
 

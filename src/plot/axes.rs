@@ -1,14 +1,16 @@
 //! Panels with two axes: round ticks, curves, limit lines.
 
+use std::borrow::Cow;
+
 use super::style;
 use super::svg::{Element, Page, Svg, number};
 
 /// A curve of a panel.
 pub(super) struct Curve {
-    /// (time, value) in order of time.
+    /// (across, value), usually in order of what runs across.
     pub(super) points: Vec<(f64, f64)>,
     /// Colour.
-    pub(super) colour: &'static str,
+    pub(super) colour: Cow<'static, str>,
     /// Width, px.
     pub(super) width: f64,
     /// Dash pattern, empty for a solid line.
@@ -27,7 +29,7 @@ pub(super) struct LimitLine {
     pub(super) colour: &'static str,
 }
 
-/// A panel: values over time.
+/// A panel: values over time, or over something else.
 pub(super) struct Panel {
     /// Title with the unit.
     pub(super) title: &'static str,
@@ -39,8 +41,10 @@ pub(super) struct Panel {
     pub(super) curves: Vec<Curve>,
     /// Limit lines.
     pub(super) limits: Vec<LimitLine>,
-    /// Time shown, s.
-    pub(super) time: (f64, f64),
+    /// Part of the horizontal axis that is shown.
+    pub(super) across: (f64, f64),
+    /// What runs along it, with the unit.
+    pub(super) axis: &'static str,
     /// Values that are shown at least.
     pub(super) at_least: (f64, f64),
 }
@@ -69,13 +73,13 @@ impl Panel {
             width: area.width - LEFT,
             height: area.height - ABOVE - BELOW,
         };
-        let x = Scale::new(self.time, (plot.corner.0, plot.corner.0 + plot.width));
+        let x = Scale::new(self.across, (plot.corner.0, plot.corner.0 + plot.width));
         let y = Scale::new(self.value_range(), (plot.corner.1 + plot.height, plot.corner.1));
         svg.group(&Element::new("g").with("id", self.id), |svg| {
             let title = Element::new("text").num("x", plot.corner.0).num("y", area.corner.1 + 12.0);
             svg.add_text(&title.num("font-size", 13.0).with("font-weight", "600").with("fill", style::INK), self.title);
             self.draw_key(svg, (plot.corner.0 + plot.width, area.corner.1 + 12.0));
-            grid(svg, plot, &x, &y);
+            grid(svg, plot, (&x, self.axis), &y);
             let clip = format!("clip-{}", self.id);
             svg.group(&Element::new("clipPath").with("id", &clip), |svg| {
                 svg.add(&Element::rect(plot.corner, plot.width, plot.height));
@@ -115,7 +119,7 @@ impl Curve {
         let mut line = Element::polyline(points)
             .with("class", self.class)
             .with("fill", "none")
-            .with("stroke", self.colour)
+            .with("stroke", &self.colour)
             .num("stroke-width", self.width)
             .with("stroke-linejoin", "round");
         if !self.dash.is_empty() {
@@ -137,7 +141,7 @@ impl LimitLine {
     }
 }
 
-fn grid(svg: &mut Svg, plot: Area, x: &Scale, y: &Scale) {
+fn grid(svg: &mut Svg, plot: Area, (x, axis): (&Scale, &str), y: &Scale) {
     let (left, top) = plot.corner;
     let (right, bottom) = (left + plot.width, top + plot.height);
     svg.add(&Element::rect(plot.corner, plot.width, plot.height).with("fill", style::PANEL));
@@ -156,7 +160,7 @@ fn grid(svg: &mut Svg, plot: Area, x: &Scale, y: &Scale) {
         svg.add_text(&text, &signed(tick));
     }
     let text = label.num("x", right).num("y", bottom + 28.0).with("text-anchor", "end");
-    svg.add_text(&text, "time, s");
+    svg.add_text(&text, axis);
 }
 
 /// A number with a proper minus sign.
@@ -232,7 +236,8 @@ mod tests {
             key: vec![],
             curves: vec![],
             limits: vec![],
-            time: (0.0, 0.0),
+            across: (0.0, 0.0),
+            axis: "time, s",
             at_least: (0.0, 0.0),
         };
         let mut svg = Svg::new(100.0, 100.0);

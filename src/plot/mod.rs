@@ -4,12 +4,15 @@
 //! is as high as it is wide. Nothing is fetched when the picture is shown: no fonts, no scripts, no links. The same
 //! run gives the same bytes.
 //!
+//! [`geometry`] has the pictures of `docs/geometry.md`: curves, lattice and sweeps, without a run.
+//!
 //! Weak: labels are placed by simple rules and may meet each other in dense traffic; a road that runs diagonally is
 //! not turned to fit the page.
 
 pub(crate) mod axes;
 #[cfg(test)]
 pub(crate) mod example;
+pub mod geometry;
 pub(crate) mod motion;
 pub(crate) mod outline;
 mod scene;
@@ -266,6 +269,9 @@ fn speed_key(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
     end + 6.6 * text.chars().count() as f64 + 22.0
 }
 
+/// The horizontal axis of values over time.
+const TIME: &str = "time, s";
+
 /// Speed, accelerations and jerk over time.
 fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
     let (from, to) = motion.time_range();
@@ -275,12 +281,13 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
     let samples = motion.thinned(CURVE_STEP);
     let driven = |value: fn(&MotionSample) -> f64, width: f64| Curve {
         points: samples.iter().map(|s| (s.time, value(s))).collect(),
-        colour: style::DRIVEN,
+        colour: style::DRIVEN.into(),
         width,
         dash: "",
         class: "driven",
     };
-    let wanted = Curve { colour: style::WANTED, class: "wanted", dash: "6 3", ..driven(|s| s.wanted_speed, 1.6) };
+    let wanted =
+        Curve { colour: style::WANTED.into(), class: "wanted", dash: "6 3", ..driven(|s| s.wanted_speed, 1.6) };
     let mut speeds = proof_tails(run);
     let mut speed_key = vec![(if motion.driven { "driven" } else { "planned" }, style::DRIVEN)];
     let limits = limit_curve(run, &samples);
@@ -298,7 +305,7 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
     let last_resort = LimitLine { value: -comfort.aggressive_deceleration, label: "proofs only", colour: style::ALARM };
     let jerk_limits = |side: f64| Curve {
         points: samples.iter().map(|s| (s.time, side * jerk_limit(comfort.jerk, s.speed))).collect(),
-        colour: style::LIMIT,
+        colour: style::LIMIT.into(),
         width: 1.0,
         dash: "5 4",
         class: "limit",
@@ -311,7 +318,8 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
             key: speed_key,
             curves: speeds,
             limits: vec![],
-            time,
+            across: time,
+            axis: TIME,
             at_least: (0.0, 1.0),
         },
         Panel {
@@ -320,7 +328,8 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
             key: vec![],
             curves: vec![driven(|s| s.acceleration, 1.8)],
             limits: vec![limit(accel, "comfort"), limit(-decel, "comfort"), last_resort],
-            time,
+            across: time,
+            axis: TIME,
             at_least: (-comfort.aggressive_deceleration, accel),
         },
         Panel {
@@ -329,7 +338,8 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
             key: vec![],
             curves: vec![driven(|s| s.lateral_acceleration, 1.8)],
             limits: vec![limit(side, "comfort"), limit(-side, "comfort")],
-            time,
+            across: time,
+            axis: TIME,
             at_least: (-side, side),
         },
         Panel {
@@ -338,7 +348,8 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
             key: vec![("comfort", style::LIMIT)],
             curves: vec![jerk_limits(1.0), jerk_limits(-1.0), driven(|s| s.jerk, 1.8)],
             limits: vec![],
-            time,
+            across: time,
+            axis: TIME,
             at_least: (-comfort.jerk, comfort.jerk),
         },
     ]
@@ -355,7 +366,7 @@ fn proof_tails(run: &Run) -> Vec<Curve> {
         next = cycle.time + 0.5 - 1e-9;
         let plan = &cycle.committed;
         let points = steps(cycle.time, plan).map(|t| (t, plan.at(t).speed)).collect();
-        tails.push(Curve { points, colour: style::PLAN, width: 0.8, dash: "", class: "proof" });
+        tails.push(Curve { points, colour: style::PLAN.into(), width: 0.8, dash: "", class: "proof" });
     }
     tails
 }
@@ -387,7 +398,7 @@ fn limit_curve(run: &Run, samples: &[MotionSample]) -> Vec<Curve> {
     pieces
         .into_iter()
         .filter(|points| points.len() > 1)
-        .map(|points| Curve { points, colour: style::ALARM, width: 1.0, dash: "5 4", class: "speed-limit" })
+        .map(|points| Curve { points, colour: style::ALARM.into(), width: 1.0, dash: "5 4", class: "speed-limit" })
         .collect()
 }
 

@@ -8,7 +8,7 @@ use super::style;
 use super::svg::{Element, Page, Svg, number};
 use crate::drive::Run;
 use crate::geometry::Point;
-use crate::map::{Cell, Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind};
+use crate::map::{Cell, Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind, RoadNetwork};
 use crate::planner::Cycle;
 
 /// Obstacles' outlines are this far apart in time, s.
@@ -25,9 +25,12 @@ const LABEL_ROOM: f64 = 44.0;
 /// The mapping from the world (metres, y up) to an area of the page (pixels, y down). One scale for both axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
-    bounds: Bounds,
-    area: Area,
-    scale: f64,
+    /// What of the world is seen, m.
+    pub(super) bounds: Bounds,
+    /// Where on the page, px.
+    pub(super) area: Area,
+    /// Pixels per metre.
+    pub(super) scale: f64,
 }
 
 impl View {
@@ -43,11 +46,13 @@ impl View {
         (self.area.corner.0 + self.scale * from_top_left.0, self.area.corner.1 + self.scale * from_top_left.1)
     }
 
-    fn line(&self, points: &[Point]) -> Element {
+    /// An open line through points of the world.
+    pub(super) fn line(&self, points: &[Point]) -> Element {
         Element::polyline(points.iter().map(|p| self.page(p))).with("fill", "none")
     }
 
-    fn polygon(&self, points: &[Point]) -> Element {
+    /// A closed one.
+    pub(super) fn polygon(&self, points: &[Point]) -> Element {
         Element::polygon(points.iter().map(|p| self.page(p)))
     }
 }
@@ -71,7 +76,7 @@ impl Scene<'_> {
         });
         svg.group(&Element::new("g").with("id", "scene").with("clip-path", "url(#clip-scene)"), |svg| {
             svg.add(&Element::rect(area.corner, area.width, area.height).with("fill", style::GROUND));
-            self.road(svg, view);
+            road(svg, view, &self.run.scenario.network);
             self.occupied_cells(svg, view);
             self.goal(svg, view);
             self.candidates(svg, view);
@@ -82,39 +87,6 @@ impl Scene<'_> {
             self.contact(svg, view);
             self.times(svg, view);
             scale_bar(svg, view);
-        });
-    }
-
-    fn road(&self, svg: &mut Svg, view: &View) {
-        let lanelets: Vec<&Lanelet> =
-            self.run.scenario.network.lanelets.values().filter(|l| view.bounds.shows(&l.outline())).collect();
-        svg.group(&Element::new("g").with("id", "road"), |svg| {
-            // bounds lie under the surfaces: only the rim of the road stays visible, not every lane of a junction
-            svg.group(&Element::new("g").with("stroke", style::BOUND).num("stroke-width", 2.4), |svg| {
-                for line in lanelets.iter().flat_map(|l| [&l.left, &l.right]) {
-                    svg.add(&view.line(line.points()).with("class", "bound"));
-                }
-            });
-            for drivable in [false, true] {
-                for l in lanelets.iter().filter(|l| l.is_drivable() == drivable) {
-                    let fill = if drivable { style::ROAD } else { style::WAY };
-                    let surface = view.polygon(&l.outline()).with("id", &format!("lanelet-{}", l.id));
-                    // stroked in its own colour: no hairlines between neighbours
-                    svg.add(&surface.with("fill", fill).with("stroke", fill).num("stroke-width", 0.6));
-                }
-            }
-            for l in lanelets.iter().filter(|l| l.is_drivable()) {
-                let centre = view.line(l.centre.points()).with("class", "centre-line").with("stroke", style::CENTRE);
-                svg.add(&centre.num("stroke-width", 0.8).with("stroke-dasharray", "2 5"));
-            }
-            lanelets.iter().for_each(|l| lane_marks(svg, view, l));
-        });
-        svg.group(&Element::new("g").with("id", "stop-lines").with("stroke", style::STOP_LINE), |svg| {
-            let lines = lanelets.iter().filter_map(|l| l.stop_line.map(|line| (l.id, line)));
-            for (id, line) in lines {
-                let element = Element::line(view.page(&line.start), view.page(&line.end)).num("stroke-width", 2.5);
-                svg.add(&element.with("id", &format!("stop-line-{id}")));
-            }
         });
     }
 
@@ -243,6 +215,39 @@ impl Scene<'_> {
     }
 }
 
+/// Surfaces, bounds, marks and stop lines of the road.
+pub(super) fn road(svg: &mut Svg, view: &View, network: &RoadNetwork) {
+    let lanelets: Vec<&Lanelet> = network.lanelets.values().filter(|l| view.bounds.shows(&l.outline())).collect();
+    svg.group(&Element::new("g").with("id", "road"), |svg| {
+        // bounds lie under the surfaces: only the rim of the road stays visible, not every lane of a junction
+        svg.group(&Element::new("g").with("stroke", style::BOUND).num("stroke-width", 2.4), |svg| {
+            for line in lanelets.iter().flat_map(|l| [&l.left, &l.right]) {
+                svg.add(&view.line(line.points()).with("class", "bound"));
+            }
+        });
+        for drivable in [false, true] {
+            for l in lanelets.iter().filter(|l| l.is_drivable() == drivable) {
+                let fill = if drivable { style::ROAD } else { style::WAY };
+                let surface = view.polygon(&l.outline()).with("id", &format!("lanelet-{}", l.id));
+                // stroked in its own colour: no hairlines between neighbours
+                svg.add(&surface.with("fill", fill).with("stroke", fill).num("stroke-width", 0.6));
+            }
+        }
+        for l in lanelets.iter().filter(|l| l.is_drivable()) {
+            let centre = view.line(l.centre.points()).with("class", "centre-line").with("stroke", style::CENTRE);
+            svg.add(&centre.num("stroke-width", 0.8).with("stroke-dasharray", "2 5"));
+        }
+        lanelets.iter().for_each(|l| lane_marks(svg, view, l));
+    });
+    svg.group(&Element::new("g").with("id", "stop-lines").with("stroke", style::STOP_LINE), |svg| {
+        let lines = lanelets.iter().filter_map(|l| l.stop_line.map(|line| (l.id, line)));
+        for (id, line) in lines {
+            let element = Element::line(view.page(&line.start), view.page(&line.end)).num("stroke-width", 2.5);
+            svg.add(&element.with("id", &format!("stop-line-{id}")));
+        }
+    });
+}
+
 /// The bounds that a lanelet shares with a neighbour: dashed if it is driven in the same direction, else solid.
 fn lane_marks(svg: &mut Svg, view: &View, lanelet: &Lanelet) {
     let sides = [(&lanelet.left, lanelet.adjacent_left), (&lanelet.right, lanelet.adjacent_right)];
@@ -317,7 +322,7 @@ fn interesting_cycle(cycles: &[Cycle]) -> Option<&Cycle> {
 }
 
 /// A bar of a round length in the lower left corner.
-fn scale_bar(svg: &mut Svg, view: &View) {
+pub(super) fn scale_bar(svg: &mut Svg, view: &View) {
     let length = nice_step(60.0 / view.scale);
     let (left, bottom) = (view.area.corner.0 + 14.0, view.area.corner.1 + view.area.height - 12.0);
     let right = left + length * view.scale;

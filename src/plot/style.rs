@@ -62,6 +62,11 @@ const VIRIDIS: [[f64; 3]; 8] = [
     [170.0, 220.0, 50.0],
 ];
 
+/// The lower end of the viridis colours.
+pub(super) const VIRIDIS_LOW: &str = "#440154";
+/// Their upper end.
+pub(super) const VIRIDIS_HIGH: &str = "#aadc32";
+
 /// Colour of a value in 0…1 (clamped), as red, green, blue.
 pub(crate) fn viridis(ratio: f64) -> [u8; 3] {
     let place = if ratio.is_finite() { ratio.clamp(0.0, 1.0) } else { 0.0 } * (VIRIDIS.len() - 1) as f64;

@@ -1,0 +1,63 @@
+//! Comparisons that the program can repeat anywhere: `stopline bench`.
+//!
+//! Each comparison is a module that makes its problems from a seed, measures, and returns plain figures; printing them is
+//! the command line's. What a measurement finds is the same on every machine and in every repetition. What it took is in
+//! fields named `time`, read from the wall clock, and nothing else depends on them.
+
+pub mod problems;
+pub mod spirals;
+
+use std::time::Instant;
+
+/// Wall-clock times of one problem each, µs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Times {
+    /// Half of the problems took no longer.
+    pub median_us: f64,
+    /// Ninety-nine in a hundred took no longer.
+    pub p99_us: f64,
+}
+
+/// Runs of a problem, of which the shortest counts: what the machine did in between is not the method's.
+const RUNS: usize = 3;
+
+/// What `solve` returns for each problem, one after the other on this thread, and what it took.
+fn timed<P, A>(problems: &[P], solve: impl Fn(&P) -> A) -> (Vec<A>, Times) {
+    let mut seconds = Vec::with_capacity(problems.len());
+    let mut answers = Vec::with_capacity(problems.len());
+    for problem in problems {
+        let mut shortest = f64::INFINITY;
+        for run in 0..RUNS {
+            let begun = Instant::now();
+            let answer = std::hint::black_box(solve(std::hint::black_box(problem)));
+            shortest = shortest.min(begun.elapsed().as_secs_f64());
+            if run == 0 {
+                answers.push(answer);
+            }
+        }
+        seconds.push(shortest);
+    }
+    seconds.sort_by(f64::total_cmp);
+    (answers, Times { median_us: 1e6 * quantile(&seconds, 0.5), p99_us: 1e6 * quantile(&seconds, 0.99) })
+}
+
+/// The smallest value that a share of all does not exceed (nearest rank); 0 of nothing.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a share of a count
+    let rank = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_problem_is_answered_once_and_in_order() {
+        let (answers, times) = timed(&[3, 1, 2], |p| 10 * p);
+        assert_eq!(answers, [30, 10, 20]);
+        assert!(times.median_us >= 0.0 && times.p99_us >= times.median_us);
+        let (none, times) = timed(&[0; 0], |p| *p);
+        assert_eq!((none.len(), times), (0, Times { median_us: 0.0, p99_us: 0.0 }));
+    }
+}

@@ -1,0 +1,161 @@
+//! `stopline bench spirals`: the table, the JSON, the CSV and the picture of a comparison.
+
+use std::fmt::Write as _;
+
+use serde_json::{Map, Value, json};
+
+use crate::bench::spirals::{BOUND, Check, Comparison, Method, Row, SOFT, Settings, compare};
+use crate::cli::args::SpiralArgs;
+use crate::cli::job::Outputs;
+use crate::cli::{Exit, Failure, json as result, print, report};
+use crate::io::files;
+
+/// Checks the outputs, measures, writes, reports.
+pub(super) fn run(args: SpiralArgs) -> Result<Exit, Failure> {
+    let outputs = Outputs { json: args.json, csv: args.csv, svg: args.svg, ..Outputs::default() };
+    outputs.check(&[])?;
+    let comparison = compare(&Settings { seed: args.seed, problems: args.problems as usize });
+    let checks = comparison.checks();
+    let value = to_json(&comparison, &checks);
+    if let Some(path) = outputs.json.as_ref().filter(|_| !outputs.json_on_stdout()) {
+        files::write_atomic(path, result::text(&value).as_bytes()).map_err(Failure::file)?;
+    }
+    if let Some(path) = &outputs.csv {
+        files::write_atomic(path, to_csv(&comparison).as_bytes()).map_err(Failure::file)?;
+    }
+    if let Some(path) = &outputs.svg {
+        files::write_atomic(path, crate::plot::geometry::comparison(&comparison).as_bytes()).map_err(Failure::file)?;
+    }
+    if outputs.json_on_stdout() {
+        print(&result::text(&value))?;
+    } else if !args.quiet {
+        print(&text(&comparison, &checks, &value))?;
+    }
+    Ok(if held(&checks) { Exit::Held } else { Exit::CheckFailed })
+}
+
+fn held(checks: &[Check]) -> bool {
+    checks.iter().all(|c| c.pass)
+}
+
+/// The result; its hash covers everything but the times.
+fn to_json(comparison: &Comparison, checks: &[Check]) -> Value {
+    let mut value = Map::new();
+    let mut put = |key: &str, v: Value| value.insert(key.to_owned(), v);
+    put("format", json!("stopline.bench.spirals/1"));
+    put("seed", json!(comparison.settings.seed));
+    put("problems", json!(comparison.problems.len()));
+    put("bound_per_m", json!(BOUND));
+    put("verdict", json!(if held(checks) { "pass" } else { "fail" }));
+    let check =
+        |c: &Check| json!({ "name": c.name, "pass": c.pass, "value": c.value, "limit": c.limit, "unit": c.unit });
+    put("checks", checks.iter().map(check).collect());
+    put("methods", comparison.rows.iter().map(row_to_json).collect());
+    let hash = result::hash(&Value::Object(value.clone()), &[]);
+    let mut put = |key: &str, v: Value| value.insert(key.to_owned(), v);
+    let time = |r: &Row| {
+        let figures = json!({ "median_us": r.time.median_us, "p99_us": r.time.p99_us });
+        (r.method.name().to_owned(), figures)
+    };
+    put("time", Value::Object(comparison.rows.iter().map(time).collect()));
+    put("hash", json!(hash));
+    Value::Object(value)
+}
+
+fn row_to_json(row: &Row) -> Value {
+    json!({
+        "name": row.method.name(),
+        "label": row.method.label(),
+        "problems": row.problems,
+        "solved": row.solved,
+        "worst_end_residual_m": row.worst_residual,
+        "worst_heading_residual_rad": row.worst_heading,
+        "worst_slide_m": row.worst_slide,
+        "max_abs_curvature_per_m": row.max_curvature,
+        "mean_bending_energy_per_m": row.mean_energy,
+        "bending_energy_ratio": row.energy_ratio,
+        "over_bound": row.over_bound,
+    })
+}
+
+/// One row for each method and problem that it was asked, without times. Numbers are written so that reading them gives
+/// the same `f64`; what a method did not find is left empty.
+fn to_csv(comparison: &Comparison) -> String {
+    let mut text = String::from(
+        "problem,start_curvature_per_m,end_x_m,end_y_m,end_yaw_rad,end_curvature_per_m,method,solved,\
+         end_residual_m,heading_residual_rad,slide_m,max_abs_curvature_per_m,bending_energy_per_m,length_m\n",
+    );
+    for (i, p) in comparison.problems.iter().enumerate() {
+        for (method, judged) in Method::ALL.iter().zip(&comparison.judged).filter(|(m, _)| m.is_for(p)) {
+            let (at, name) = (p.end.position, method.name());
+            // writing to a String cannot fail
+            let _ = write!(text, "{i},{},{},{},{},{},", p.start_curvature, at.x, at.y, p.end.yaw, p.end_curvature);
+            let _ = match judged[i] {
+                Some(j) => writeln!(
+                    text,
+                    "{name},1,{},{},{},{},{},{}",
+                    j.end_residual, j.heading_residual, j.slide, j.max_curvature, j.bending_energy, j.length
+                ),
+                None => writeln!(text, "{name},0,,,,,,"),
+            };
+        }
+    }
+    text
+}
+
+/// The table for people.
+fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
+    let count = comparison.problems.len();
+    let mut text = format!(
+        "{count} lattice problem(s), seed {}: 10…40 m ahead, ±8 m across, ±0.5 rad, curvature ±0.1 1/m at both ends\n\n",
+        comparison.settings.seed
+    );
+    let head =
+        ["method", "problems", "solved", "median", "p99", "worst end", "worst", "largest", "mean", "energy", "over"];
+    let units = ["", "", "", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
+    let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
+    text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
+    text += &notes();
+    text.push('\n');
+    let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
+    let check = |c: &Check| {
+        let held = if c.pass { "held" } else { "FAILED" };
+        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
+    };
+    text += &report::table(&std::iter::once(head).chain(checks.iter().map(check)).collect::<Vec<_>>());
+    let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
+    text
+}
+
+/// What the rows mean.
+fn notes() -> String {
+    format!(
+        "
+bound        |κ| ≤ {BOUND} 1/m everywhere; it bites where the pinned cubic spiral breaks it
+soft end     may slide sideways, for {SOFT} 1/m³ · slide² of bending energy; every program by Clarabel
+bound bites  the cubic's end slides sideways as little as it must (second-order cones); the quintic's is pinned (cuts)
+quintic      the spiral of least bending energy, all pinned, every program by Clarabel
+polynomial   x and y of degree five; tangents as long as the chord, or searched for least bending energy
+shooting     the lecture's way to the first row: Newton with Simpson's rule and differences
+time         of one problem, the shortest of three runs; all else is the same in every repetition
+"
+    )
+}
+
+fn cells(row: &Row) -> Vec<String> {
+    let found = |text: String| if row.solved > 0 { text } else { "-".into() };
+    let share = 100.0 * row.over_bound as f64 / row.solved.max(1) as f64;
+    vec![
+        row.method.label().into(),
+        row.problems.to_string(),
+        row.solved.to_string(),
+        found(format!("{:.2}", row.time.median_us)),
+        found(format!("{:.2}", row.time.p99_us)),
+        found(format!("{:.1e}", row.worst_residual)),
+        found(format!("{:.2}", row.worst_slide)),
+        found(format!("{:.4}", row.max_curvature)),
+        found(format!("{:.4}", row.mean_energy)),
+        found(format!("{:.3}", row.energy_ratio)),
+        found(format!("{share:.1}")),
+    ]
+}
