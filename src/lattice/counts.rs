@@ -7,7 +7,7 @@ use crate::collision::Blocker;
 /// Edges that a search looked at, by what became of them. Every edge counts once:
 /// `tried` = `off_road` + `no_spiral` + `curvature_bound` + `winds` + `unchecked` + `obstacle` + `road_edge` + `free`.
 ///
-/// Counts depend on the question alone, not on what the store had kept from before; only `made` does.
+/// Counts depend on the question alone, not on what the store had kept from before; only `solved` and `swept` do.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct EdgeCounts {
     /// Pairs of start and node that the lattice's shape allows.
@@ -28,8 +28,10 @@ pub struct EdgeCounts {
     pub road_edge: usize,
     /// Free over its whole length.
     pub free: usize,
-    /// Of all these, edges whose footprint was swept and checked in this search; the others were kept from before.
-    pub made: usize,
+    /// Edges whose spiral was solved in this search; the others were kept from before.
+    pub solved: usize,
+    /// Edges whose footprint was swept and checked in this search; the others were kept from before.
+    pub swept: usize,
     /// `obstacle` by the obstacle's id in the file.
     pub by_obstacle: BTreeMap<i64, usize>,
 }
@@ -46,7 +48,7 @@ pub(super) enum NoEdge {
 impl EdgeCounts {
     /// Every count with its stable name, in a stable order.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, usize); 10] {
+    pub fn named(&self) -> [(&'static str, usize); 11] {
         [
             ("tried", self.tried),
             ("off_road", self.off_road),
@@ -57,7 +59,8 @@ impl EdgeCounts {
             ("obstacle", self.obstacle),
             ("road_edge", self.road_edge),
             ("free", self.free),
-            ("made", self.made),
+            ("solved", self.solved),
+            ("swept", self.swept),
         ]
     }
 
@@ -72,7 +75,8 @@ impl EdgeCounts {
         self.obstacle += other.obstacle;
         self.road_edge += other.road_edge;
         self.free += other.free;
-        self.made += other.made;
+        self.solved += other.solved;
+        self.swept += other.swept;
         for (id, count) in &other.by_obstacle {
             *self.by_obstacle.entry(*id).or_default() += count;
         }
@@ -86,6 +90,11 @@ impl EdgeCounts {
             NoEdge::CurvatureBound => self.curvature_bound += 1,
             NoEdge::Winds => self.winds += 1,
         }
+    }
+
+    pub(super) fn count_unchecked(&mut self) {
+        self.tried += 1;
+        self.unchecked += 1;
     }
 
     pub(super) fn count_checked(&mut self, blocked_by: Option<Blocker>) {
