@@ -52,7 +52,7 @@ impl Settings {
     pub fn validate(&self) -> Result<(), SettingsError> {
         let p = &self.planner;
         let l = &p.lattice;
-        let positive: [(&'static str, f64); 17] = [
+        let positive: [(&'static str, f64); 18] = [
             ("run.replan_interval", self.run.replan_interval),
             ("run.longest", self.run.longest),
             ("run.rest", self.run.rest),
@@ -68,6 +68,7 @@ impl Settings {
             ("planner.lattice.shortest_edge", l.shortest_edge),
             ("planner.lattice.edge_time", l.edge_time),
             ("planner.lattice.longest_edge", l.longest_edge),
+            ("planner.lattice.most_turn", l.most_turn),
             ("planner.lattice.offset_spacing", l.offset_spacing),
             ("planner.lattice.steepest", l.steepest),
         ];
@@ -117,6 +118,13 @@ impl Settings {
             if value > most || (value < 1.0 && field != "planner.lattice.offset_limit") {
                 return Err(SettingsError { field, value, expected });
             }
+        }
+        if !(1..=9).contains(&l.headings.len()) {
+            let value = l.headings.len() as f64;
+            return Err(SettingsError { field: "planner.lattice.headings", value, expected: "1 to 9 headings" });
+        }
+        if let Some(&value) = l.headings.iter().find(|h| !(h.abs() <= 1.0)) {
+            return Err(SettingsError { field: "planner.lattice.headings", value, expected: "-1 to 1 rad" });
         }
         let shares = [
             ("planner.lateral_share", self.planner.lateral_share),
