@@ -11,6 +11,8 @@
 //!
 //! Weak spots: one curvature per node and, unless [`Settings::headings`] has more, one heading; edges that the vehicle
 //! could only just drive may be missed. A change of speed that changes the distance between layers makes all edges new.
+//! The lattice knows no speed: what it hands out as cheapest may all be too sharp for the speed driven, at a change of lanes
+//! most of all, and the speed layer then has nothing to choose from.
 
 mod cost;
 mod counts;
