@@ -5,9 +5,9 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
-use super::cost::CostTerms;
+use super::cost::{CostTerms, Weights};
 use super::{Ground, LatticePath, Root, Settings};
-use crate::collision::{Allowance, Blocker, Sweep};
+use crate::collision::{Allowance, Blocker, Clearance, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::spiral_opt::{Method, connect_bounded};
 use crate::geometry::{Pose, wrap_angle};
@@ -51,7 +51,13 @@ impl Edge {
 }
 
 /// The swept footprint of a spiral, after a kept part that begins at `path_start`.
-fn swept(ground: &Ground<'_>, start: &Pose, spiral: &CubicSpiral, kept: &[CubicSpiral], path_start: Pose) -> Sweep {
+pub(super) fn swept(
+    ground: &Ground<'_>,
+    start: &Pose,
+    spiral: &CubicSpiral,
+    kept: &[CubicSpiral],
+    path_start: Pose,
+) -> Sweep {
     if kept.is_empty() {
         return ground.world.sweep(start, spiral);
     }
@@ -238,14 +244,14 @@ fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f
 const LONGEST_DETOUR: f64 = 1.5;
 
 /// A spiral in its place.
-struct Placed<'a> {
-    start: Pose,
+pub(super) struct Placed<'a> {
+    pub(super) start: Pose,
     /// About where it begins and ends on the reference line, m.
-    stations: (f64, f64),
-    spiral: CubicSpiral,
-    kept: &'a [CubicSpiral],
-    path_start: Pose,
-    allowance: Allowance,
+    pub(super) stations: (f64, f64),
+    pub(super) spiral: CubicSpiral,
+    pub(super) kept: &'a [CubicSpiral],
+    pub(super) path_start: Pose,
+    pub(super) allowance: Allowance,
 }
 
 impl Placed<'_> {
@@ -261,7 +267,7 @@ impl Placed<'_> {
         let sweep = swept(ground, &self.start, &self.spiral, self.kept, self.path_start);
         let hit = ground.world.static_hit_from_start(&sweep, &self.allowance);
         let free_length = hit.map_or(self.spiral.length, |h| h.station - kept_length);
-        let terms = self.terms(ground, &sweep, settings);
+        let terms = self.terms(ground, &sweep, &settings.weights);
         Edge {
             from,
             to,
@@ -276,14 +282,11 @@ impl Placed<'_> {
         }
     }
 
-    fn terms(&self, ground: &Ground<'_>, sweep: &Sweep, settings: &Settings) -> CostTerms {
-        /// Samples along an edge for the costs by offset.
-        const SAMPLES: usize = 6;
-        let w = &settings.weights;
+    pub(super) fn terms(&self, ground: &Ground<'_>, sweep: &Sweep, w: &Weights) -> CostTerms {
         let mut terms = CostTerms { bending: w.bending * self.spiral.bending_energy(), ..CostTerms::default() };
-        let way = self.spiral.length / SAMPLES as f64;
+        let way = self.spiral.length / COST_SAMPLES as f64;
         let (begins, ends) = self.stations;
-        for (along, point) in self.spiral.samples(&self.start, SAMPLES).skip(1) {
+        for (along, point) in self.spiral.samples(&self.start, COST_SAMPLES).skip(1) {
             let about = begins + (ends - begins) * along / self.spiral.length;
             let Frenet { s, l } = ground.reference.project_near(point.pose.position, about);
             terms.offset += w.offset * way * l.abs().min(OFFSET_SATURATES).powi(2);
@@ -292,13 +295,20 @@ impl Placed<'_> {
             terms.lane += w.lane * way * over;
         }
         let clearance = ground.world.clearance(sweep, w.clearance_wanted);
-        let near = 1.0 - clearance.obstacle.min(clearance.road + ROAD_IS_KINDER) / w.clearance_wanted;
+        let near = 1.0 - closeness(&clearance) / w.clearance_wanted;
         terms.clearance = w.clearance * self.spiral.length * near.max(0.0).powi(2);
         terms
     }
 }
 
+/// The distance that counts for the cost of clearance, m.
+pub(super) fn closeness(clearance: &Clearance) -> f64 {
+    clearance.obstacle.min(clearance.road + ROAD_IS_KINDER)
+}
+
+/// Samples along an edge for the costs by offset.
+pub(super) const COST_SAMPLES: usize = 6;
 /// Offsets beyond this cost no more (m): on the way from another lane they say nothing about the path.
-const OFFSET_SATURATES: f64 = 2.0;
+pub(super) const OFFSET_SATURATES: f64 = 2.0;
 /// The road's edge costs like an obstacle that is this much farther away (m): lanes are narrow by design.
 const ROAD_IS_KINDER: f64 = 0.5;

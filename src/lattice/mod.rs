@@ -13,6 +13,7 @@
 
 mod cost;
 mod edges;
+pub mod refine;
 
 pub use cost::{CostTerms, Weights, rank};
 pub use edges::{Edge, EdgeStore};
@@ -91,6 +92,8 @@ pub struct Root {
 pub struct LatticePath {
     /// The path, from the vehicle on.
     pub path: Path,
+    /// How many spirals at its start belong to the committed path.
+    pub kept: usize,
     /// Swept footprints of its edges, in order.
     pub sweeps: Vec<Arc<Sweep>>,
     /// How far the rear axle may come on it, m.
@@ -305,6 +308,7 @@ impl Chains {
         let last = &self.labels[end];
         Some(LatticePath {
             path: Path::new(root.start, &spirals)?,
+            kept: root.kept.len(),
             sweeps: chain.iter().map(|e| Arc::clone(e.sweep(ground, root))).collect(),
             free_length: kept + last.free_length,
             blocked_by: last.edge.blocked_by,

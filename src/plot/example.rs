@@ -275,6 +275,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         chosen: (!kept).then_some(0),
         expansions: 120,
         is_smooth: true,
+        is_refined: false,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
     }
 }

@@ -201,6 +201,7 @@ pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
         chosen: None,
         expansions: 0,
         is_smooth: true,
+        is_refined: false,
         stage_seconds: StageSeconds::default(),
     }
 }
