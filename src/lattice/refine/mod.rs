@@ -91,7 +91,7 @@ impl Commitment {
 /// Costs gain at least this, in the unit of all costs (m of detour): nobody would notice less.
 const LEAST_GAIN: f64 = 0.01;
 /// Once a step gains less than this share of the cost, the next is not worth its time.
-const SETTLED: f64 = 2e-3;
+const SETTLED: f64 = 5e-3;
 /// Radius of trust after a step that did not check out, as a share of the one before.
 const SHRINK: f64 = 0.3;
 /// Share of the vehicle's width that the corridor may take to either side at most.
@@ -140,7 +140,7 @@ pub fn refined(
         };
         let gain = measured.cost - now.cost;
         (best, measured) = (next, now);
-        if gain < SETTLED * before.cost {
+        if gain < SETTLED * measured.cost {
             break;
         }
     }

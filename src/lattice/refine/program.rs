@@ -47,9 +47,7 @@ pub(super) struct Anchor {
 /// Largest relative change of a length in one iteration.
 const LENGTH_STEP: f64 = 0.1;
 /// Price of a changed length, per m²: joints that could as well lie elsewhere stay.
-const LENGTH_INERTIA: f64 = 1e-3;
-/// Every so many of the cost's samples bounds the step in a wide corridor.
-const TRUST_STRIDE: usize = 2;
+const LENGTH_INERTIA: f64 = 1e-5;
 /// Rows that bound curvature and its derivative are tightened by this share: between them both may rise a little.
 const BOUND_RESERVE: f64 = 0.005;
 
@@ -254,7 +252,7 @@ impl Builder<'_> {
     /// Rear axle and front stay within the room where that is narrow, and the rear axle within the radius of trust.
     fn bound_displacement(&mut self, i: usize, samples: &[Sample]) {
         let (corridor, radius) = (&self.fixed.corridor[i], self.radius);
-        let stride = TRUST_STRIDE * samples.len() / COST_SAMPLES;
+        let stride = samples.len() / COST_SAMPLES;
         // the end of the chain does not move
         let movable = samples.len() - usize::from(i + 1 == self.chain.pieces());
         for (n, (s, (original, room))) in samples.iter().zip(corridor).enumerate().take(movable) {
