@@ -90,8 +90,8 @@ impl Commitment {
 
 /// Costs gain at least this, in the unit of all costs (m of detour): nobody would notice less.
 const LEAST_GAIN: f64 = 0.01;
-/// Once a step gains less than this share of the cost, the next is not worth its time.
-const SETTLED: f64 = 5e-3;
+/// Once a step gains less than this share of what would be worth a new path, the next is not worth its time.
+const SETTLED: f64 = 0.25;
 /// Radius of trust after a step that did not check out, as a share of the one before.
 const SHRINK: f64 = 0.3;
 /// Share of the vehicle's width that the corridor may take to either side at most.
@@ -131,16 +131,12 @@ pub fn refined(
     for _ in 0..settings.iterations {
         let step = program.step(&best, radius);
         let Some((next, now)) = step.and_then(|next| stage.accepted(next, &target, &program, measured.cost)) else {
-            if best != original {
-                // what is left to gain is less than the linearisation sees
-                break;
-            }
             radius *= SHRINK;
             continue;
         };
         let gain = measured.cost - now.cost;
         (best, measured) = (next, now);
-        if gain < SETTLED * measured.cost {
+        if gain < SETTLED * settings.least_gain * measured.cost {
             break;
         }
     }
@@ -238,6 +234,7 @@ impl<'a> Stage<'a> {
     /// A program's chain with its end brought back, if it checks out and costs less than `limit`.
     fn accepted(&self, mut next: Chain, target: &Pose, program: &Program<'_>, limit: f64) -> Option<(Chain, Measured)> {
         if !next.restore(target)
+            || !program.holds(&next)
             || next.bending_energy() > program.bending_energy * (1.0 + ROUNDING)
             || next.max_abs_curvature() > program.max_curvature * (1.0 + ROUNDING)
             || next.max_abs_curvature_rate() > program.max_curvature_rate * (1.0 + ROUNDING)

@@ -44,10 +44,12 @@ pub(super) struct Anchor {
     pub(super) price: f64,
 }
 
-/// Largest relative change of a length in one iteration.
-const LENGTH_STEP: f64 = 0.1;
+/// Largest relative change of a length in one iteration, per metre of the radius of trust.
+const LENGTH_STEP: f64 = 0.2;
 /// Price of a changed length, per m²: joints that could as well lie elsewhere stay.
 const LENGTH_INERTIA: f64 = 1e-5;
+/// Intervals between the points of a piece at which curvature and its derivative are bounded.
+const CUTS: usize = 9;
 /// Rows that bound curvature and its derivative are tightened by this share: between them both may rise a little.
 const BOUND_RESERVE: f64 = 0.005;
 
@@ -70,12 +72,39 @@ impl Program<'_> {
     pub(super) fn step(&self, chain: &Chain, radius: f64) -> Option<Chain> {
         let mut builder = self.about(chain, radius)?;
         let next = builder.solved()?;
-        if next.bending_energy() <= self.bending_energy {
+        let (curvature, rate) = (next.max_abs_curvature(), next.max_abs_curvature_rate());
+        let bends_more = next.bending_energy() > self.bending_energy;
+        if curvature <= self.max_curvature && rate <= self.max_curvature_rate && !bends_more {
             return Some(next);
         }
-        // nearer to the line by more bending: rare enough to do without the cone at first
-        builder.bound_bending();
+        // rare enough to do without at first
+        if bends_more {
+            builder.bound_bending();
+        }
+        for i in 0..chain.pieces() {
+            if curvature > self.max_curvature {
+                builder.bound_curvature(i);
+            }
+            if rate > self.max_curvature_rate {
+                builder.bound_curvature_rate(i);
+            }
+        }
         builder.solved()
+    }
+
+    /// Whether a chain lies in the corridor, but for what the linearisation may have missed.
+    pub(super) fn holds(&self, chain: &Chain) -> bool {
+        /// m.
+        const MISSED: f64 = 0.05;
+        let samples = chain.linearised(&self.intervals());
+        samples.iter().flatten().zip(self.corridor.iter().flatten()).all(|(s, (original, room))| {
+            let now = displaced(s, original, 0.0);
+            now <= room.left + MISSED && now >= -room.right - MISSED
+        })
+    }
+
+    fn intervals(&self) -> Vec<usize> {
+        self.corridor.iter().map(Vec::len).collect()
     }
 
     fn about<'a>(&'a self, chain: &'a Chain, radius: f64) -> Option<Builder<'a>> {
@@ -89,13 +118,11 @@ impl Program<'_> {
             knot_unit: mean.powi(-2),
             heading_unit: 1.0 / mean,
         };
-        let intervals: Vec<usize> = self.corridor.iter().map(Vec::len).collect();
-        let samples = chain.linearised(&intervals);
+        let samples = chain.linearised(&self.intervals());
         let mut about = self.ground.reference.project(self.frame.position).s;
         for (i, piece) in samples.iter().enumerate() {
             builder.follow(i, piece.last()?);
             builder.add_bending(i);
-            builder.bound_curvature(i);
             builder.bound_displacement(i, piece);
             builder.add_clearance(i, piece);
             about = builder.add_offsets(i, piece, about);
@@ -179,19 +206,20 @@ impl Builder<'_> {
         }
     }
 
-    /// Bending energy of piece `i`: exact in the knots (κ² has degree six), linear in the length.
+    /// Bending energy of piece `i`: L κ² at the nodes of a Gauss rule (exact, as κ² has degree six) as the square of
+    /// √L κ, linearised in knots and length.
     fn add_bending(&mut self, i: usize) {
-        let spiral = self.chain.spiral(i);
+        let (spiral, variable) = (self.chain.spiral(i), self.length(i));
+        let length = spiral.length;
         for (node, weight) in &GAUSS_5 {
-            let terms = self.knots(i, &basis(*node));
-            let weight = self.fixed.weights.bending * spiral.length * weight;
-            self.program.add_square(weight, &terms, -spiral.curvature(node * spiral.length));
+            let curvature = spiral.curvature(node * length);
+            let mut terms = self.knots(i, &basis(*node));
+            terms.push((variable, 0.5 * curvature / length));
+            self.program.add_square(self.fixed.weights.bending * length * weight, &terms, -curvature);
         }
-        let length = self.length(i);
-        self.program.add_linear(length, self.fixed.weights.bending * spiral.bending_energy() / spiral.length);
-        self.program.add_square(LENGTH_INERTIA, &[(length, 1.0)], 0.0);
-        let step = LENGTH_STEP * spiral.length;
-        self.program.between(-step, &[(length, 1.0)], step);
+        self.program.add_square(LENGTH_INERTIA, &[(variable, 1.0)], 0.0);
+        let step = LENGTH_STEP * self.radius * length;
+        self.program.between(-step, &[(variable, 1.0)], step);
     }
 
     /// Keeps the bending energy of the whole chain, at its present lengths, below the bound: a second-order cone.
@@ -213,32 +241,26 @@ impl Builder<'_> {
         self.program.norm_at_most(&inner, (&[], 1.0));
     }
 
-    /// |κ| and |dκ/ds| of piece `i` at some points, where they come near their bounds. What they do between these points
-    /// is checked in closed form, afterwards.
+    /// |κ| of piece `i` at some points. What it does between them is checked in closed form, afterwards.
     fn bound_curvature(&mut self, i: usize) {
-        /// Rows for pieces that use this share of a bound: one iteration changes less than the rest.
-        const NEAR: f64 = 0.6;
-        const CUTS: usize = 9;
-        const RATE_CUTS: usize = 4;
         let spiral = self.chain.spiral(i);
-        if spiral.max_abs_curvature() > NEAR * self.fixed.max_curvature {
-            for cut in 0..=CUTS {
-                let u = cut as f64 / CUTS as f64;
-                let here = spiral.curvature(u * spiral.length);
-                let bound = ((1.0 - BOUND_RESERVE) * self.fixed.max_curvature).max(here.abs());
-                let terms = self.knots(i, &basis(u));
-                if !terms.is_empty() {
-                    self.program.between(-bound - here, &terms, bound - here);
-                }
+        for cut in 0..=CUTS {
+            let u = cut as f64 / CUTS as f64;
+            let here = spiral.curvature(u * spiral.length);
+            let bound = ((1.0 - BOUND_RESERVE) * self.fixed.max_curvature).max(here.abs());
+            let terms = self.knots(i, &basis(u));
+            if !terms.is_empty() {
+                self.program.between(-bound - here, &terms, bound - here);
             }
         }
-        let length = self.length(i);
-        for cut in 0..=RATE_CUTS {
-            let u = cut as f64 / RATE_CUTS as f64;
+    }
+
+    /// The same for |dκ/ds|, whose bound is linear in the length, too.
+    fn bound_curvature_rate(&mut self, i: usize) {
+        let (spiral, length) = (self.chain.spiral(i), self.length(i));
+        for cut in 0..=CUTS {
+            let u = cut as f64 / CUTS as f64;
             let here = spiral.curvature_rate(u * spiral.length);
-            if here.abs() < NEAR * self.fixed.max_curvature_rate {
-                continue;
-            }
             let bound = ((1.0 - BOUND_RESERVE) * self.fixed.max_curvature_rate).max(here.abs());
             // −bound (L + δL) ≤ derivative by u ≤ bound (L + δL)
             for side in [1.0, -1.0] {

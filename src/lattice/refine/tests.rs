@@ -211,9 +211,9 @@ fn every_pose_keeps_its_margins_and_the_corridor() {
             for (_, point) in better.path.sampled(0.05) {
                 let here = ground.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
                 assert_eq!(ground.world.static_hit(&here), None, "at {:?}", point.pose);
-                // between the samples of the trust region a little more
+                // five centimetres are granted at the samples, a little more between them
                 let offset = line.project(point.pose.position).offset;
-                assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
+                assert!(offset.abs() < limit + 0.07, "{offset} of {limit} at {:?}", point.pose);
             }
         });
     }
@@ -250,7 +250,7 @@ fn a_corridor_without_width_and_a_single_edge_leave_the_path() {
         let original = Chain::of(&stage.movable).unwrap();
         assert!(stage.program(&original, FRONT, 0.0).is_none(), "nothing to vary in no room");
         // the edge that ends in front of something stays as it is
-        let two = scene.path(ground, &[(0.0, 1.5), (12.0, 0.5), (26.0, 0.0)]);
+        let two = scene.path(ground, &[(0.0, 0.3), (12.0, 1.6), (30.0, 1.2)]);
         assert!(refine(ground, &two, &RefinementSettings::default()).is_some());
         let blocked = LatticePath { blocked_by: Some(crate::collision::Blocker::Obstacle(10)), ..two };
         assert!(refine(ground, &blocked, &RefinementSettings::default()).is_none());
@@ -343,8 +343,8 @@ fn curvature_stays_within_a_bound_that_bites() {
 }
 
 /// Least bending energy by a slow search without derivatives: each variable in turn a step up or down, the end brought
-/// back, the step halved where nothing helps.
-fn searched(original: &Chain, rate: f64) -> f64 {
+/// back, the step made smaller where nothing helps. Unless joints slide, the pieces keep their shares of the length.
+fn searched(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
     let target = original.end();
     // ∫κ² by the midpoint rule, not in closed form
     let energy = |chain: &Chain| {
@@ -368,7 +368,19 @@ fn searched(original: &Chain, rate: f64) -> f64 {
                 } else {
                     next.lengths[i - inner] += side * *step
                 }
-                let legal = next.restore(&target) && next.max_abs_curvature_rate() <= rate;
+                let mut legal = next.restore(&target);
+                if !joints_slide {
+                    let factor = next.length() / original.length();
+                    next.lengths = original.lengths.iter().map(|l| l * factor).collect();
+                    // by knots and lengths in turn, until both agree
+                    legal = (0..8).all(|_| {
+                        let back = next.restore(&target);
+                        let factor = next.length() / original.length();
+                        next.lengths = original.lengths.iter().map(|l| l * factor).collect();
+                        back
+                    }) && (next.end().position - target.position).norm() < 1e-6;
+                }
+                legal = legal && next.max_abs_curvature_rate() <= rate;
                 let now = if legal { energy(&next) } else { f64::INFINITY };
                 (now < least).then_some((next, now))
             });
@@ -397,7 +409,7 @@ fn a_slow_search_finds_nothing_better_by_a_hundredth() {
     for nodes in cases {
         scene.with_ground(|ground| {
             let path = scene.path(ground, nodes);
-            let settings = RefinementSettings { iterations: 30, corridor: 1.0, ..RefinementSettings::default() };
+            let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, least_gain: 1e-4 };
             let start = std::time::Instant::now();
             let none = Commitment::default();
             let better = refined(ground, &path, &Allowance::NONE, FRONT, &weights, &none, &settings).unwrap();
@@ -411,15 +423,19 @@ fn a_slow_search_finds_nothing_better_by_a_hundredth() {
                 &RefinementSettings { corridor: 1.0, ..RefinementSettings::default() },
             );
             let original = Chain::of(&spirals(&path.path)).unwrap();
-            let least = searched(&original, original.max_abs_curvature_rate().max(RATE_FLOOR));
+            let rate = original.max_abs_curvature_rate().max(RATE_FLOOR);
+            let (least, sliding) = (searched(&original, rate, false), searched(&original, rate, true));
             let found = energy(&better.path);
             println!(
-                "{:?}: {:.6} to {found:.6} (by default {:.6}), searched {least:.6}",
+                "{:?}: {:.6} to {found:.6} (by default {:.6}), searched {least:.6}, sliding {sliding:.6}",
                 start.elapsed(),
                 energy(&path.path),
                 quick.map_or(f64::NAN, |q| energy(&q.path))
             );
             assert!(found <= 1.01 * least, "{found} where {least} is possible");
+            // joints slide along the path only slowly, for little
+            let saved = (energy(&path.path) - found) / (energy(&path.path) - sliding);
+            assert!(saved > 0.99, "{saved} of what could be saved");
         });
     }
 }
