@@ -44,8 +44,8 @@ pub(super) struct Anchor {
     pub(super) price: f64,
 }
 
-/// Largest relative change of a length in one iteration, per metre of the radius of trust.
-const LENGTH_STEP: f64 = 0.2;
+/// Largest relative change of a length in one iteration.
+const LENGTH_STEP: f64 = 0.1;
 /// Price of a changed length, per m²: joints that could as well lie elsewhere stay.
 const LENGTH_INERTIA: f64 = 1e-5;
 /// Intervals between the points of a piece at which curvature and its derivative are bounded.
@@ -90,17 +90,6 @@ impl Program<'_> {
             }
         }
         builder.solved()
-    }
-
-    /// Whether a chain lies in the corridor, but for what the linearisation may have missed.
-    pub(super) fn holds(&self, chain: &Chain) -> bool {
-        /// m.
-        const MISSED: f64 = 0.05;
-        let samples = chain.linearised(&self.intervals());
-        samples.iter().flatten().zip(self.corridor.iter().flatten()).all(|(s, (original, room))| {
-            let now = displaced(s, original, 0.0);
-            now <= room.left + MISSED && now >= -room.right - MISSED
-        })
     }
 
     fn intervals(&self) -> Vec<usize> {
@@ -206,19 +195,18 @@ impl Builder<'_> {
         }
     }
 
-    /// Bending energy of piece `i`: L κ² at the nodes of a Gauss rule (exact, as κ² has degree six) as the square of
-    /// √L κ, linearised in knots and length.
+    /// Bending energy of piece `i`: exact in the knots (κ² has degree six), linear in the length.
     fn add_bending(&mut self, i: usize) {
         let (spiral, variable) = (self.chain.spiral(i), self.length(i));
         let length = spiral.length;
         for (node, weight) in &GAUSS_5 {
-            let curvature = spiral.curvature(node * length);
-            let mut terms = self.knots(i, &basis(*node));
-            terms.push((variable, 0.5 * curvature / length));
-            self.program.add_square(self.fixed.weights.bending * length * weight, &terms, -curvature);
+            let terms = self.knots(i, &basis(*node));
+            let weight = self.fixed.weights.bending * length * weight;
+            self.program.add_square(weight, &terms, -spiral.curvature(node * length));
         }
+        self.program.add_linear(variable, self.fixed.weights.bending * spiral.bending_energy() / length);
         self.program.add_square(LENGTH_INERTIA, &[(variable, 1.0)], 0.0);
-        let step = LENGTH_STEP * self.radius * length;
+        let step = LENGTH_STEP * length;
         self.program.between(-step, &[(variable, 1.0)], step);
     }
 
