@@ -10,6 +10,7 @@ use divan::{Bencher, black_box};
 use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
+use stopline::lattice::refine::{Commitment, RefinementSettings, refined};
 use stopline::lattice::{EdgeStore, Ground, LatticePath, Root, paths};
 use stopline::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem,
@@ -221,6 +222,22 @@ fn lattice_steady(bencher: Bencher) {
         root.pose = root.start;
         paths(&ground, &root, SPEED, 100.0, &stages.settings.lattice, &mut store)
     });
+}
+
+/// A chain from two metres beside the line, refined.
+#[divan::bench]
+fn refinement(bencher: Bencher) {
+    let stages = Stages::new();
+    let (ground, settings) = (stages.ground(), RefinementSettings::default());
+    let beside = stages.root();
+    let pose = Pose { position: beside.pose.position + beside.pose.left() * 2.0, ..beside.pose };
+    let root = Root { pose, start: pose, ..beside };
+    let found = paths(&ground, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default());
+    let best = found.into_iter().find(|p| p.path.pieces().count() >= 4).expect("no chain of four edges");
+    let (front, weights) = (stages.vehicle.front_overhang_from_rear_axle(), stages.settings.lattice.weights);
+    let refine = |path| refined(&ground, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings);
+    assert!(refine(&best).is_some(), "nothing to gain");
+    bencher.bench_local(|| refine(black_box(&best)));
 }
 
 /// One candidate's blocked grid, asked for the first time.

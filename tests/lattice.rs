@@ -66,7 +66,7 @@ fn found(lanelets: Vec<Lanelet>, obstacles: &[Obstacle], start: Pose, speed: f64
 /// every few centimetres, against the box.
 fn distance(path: &LatticePath, obstacle: &Obstacle, (length, width): (f64, f64)) -> f64 {
     let Motion::Static(at) = &obstacle.motion else { panic!("it moves") };
-    let corners = VEHICLE.footprint();
+    let corners = VEHICLE.footprint.bounding_rectangle();
     let outline: Vec<Point> = (0..4)
         .flat_map(|i| (0..60).map(move |k| (i, f64::from(k) / 60.0)))
         .map(|(i, u)| corners[i] + (corners[(i + 1) % 4] - corners[i]) * u)

@@ -37,6 +37,7 @@ pub(super) struct Solution {
 pub(super) struct Planning {
     pub(super) cycles: usize,
     pub(super) proven_cycles: usize,
+    pub(super) refined_cycles: usize,
     pub(super) expansions: usize,
     pub(super) candidates: usize,
     pub(super) time_ms: Times,
@@ -121,6 +122,7 @@ fn planning(run: &Run) -> Planning {
     Planning {
         cycles: run.cycles.len(),
         proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
         expansions: run.cycles.iter().map(|c| c.expansions).sum(),
         candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
         time_ms: Times { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) },

@@ -54,6 +54,7 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
         json!({
             "cycles": summary.planning.cycles,
             "proven_cycles": summary.planning.proven_cycles,
+            "refined_cycles": summary.planning.refined_cycles,
             "expansions": summary.planning.expansions,
             "candidates": summary.planning.candidates,
         }),

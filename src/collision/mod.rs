@@ -177,6 +177,12 @@ impl CollisionWorld {
         })
     }
 
+    /// Resolution and margins.
+    #[must_use]
+    pub fn settings(&self) -> &CollisionSettings {
+        &self.settings
+    }
+
     /// The static part.
     #[must_use]
     pub fn statics(&self) -> &StaticWorld {

@@ -44,6 +44,10 @@ pub struct SettingsError {
     pub expected: &'static str,
 }
 
+/// A path may be moved sideways by less than the narrowest vehicle is wide, m: probes on both sides then see what is
+/// between them.
+const WIDEST_CORRIDOR: f64 = 1.0;
+
 impl Settings {
     /// Checks every value's range.
     ///
@@ -77,7 +81,13 @@ impl Settings {
                 return Err(SettingsError { field, value, expected: "positive and finite" });
             }
         }
+        let corridor = p.refinement.corridor;
+        if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
+            let (field, expected) = ("planner.refinement.corridor", "positive, and at most 1 m");
+            return Err(SettingsError { field, value: corridor, expected });
+        }
         let not_negative = [
+            ("planner.refinement.least_gain", p.refinement.least_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
             ("planner.lattice.offset_limit", l.offset_limit),
@@ -111,6 +121,7 @@ impl Settings {
             ("planner.lattice.layers", l.layers as f64, "1 to 20", 20.0),
             ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1000.0),
             ("planner.expansions", self.planner.expansions as f64, "1 to 10000000", 1e7),
+            ("planner.refinement.iterations", self.planner.refinement.iterations as f64, "1 to 100", 100.0),
             ("planner.longest_horizon", self.planner.longest_horizon, "1 to 1000 m", 1000.0),
             ("run.longest", self.run.longest, "1 to 3600 s", 3600.0),
         ];
@@ -129,6 +140,7 @@ impl Settings {
         let shares = [
             ("planner.lateral_share", self.planner.lateral_share),
             ("planner.stopping_share", self.planner.stopping_share),
+            ("planner.refinement.least_gain", self.planner.refinement.least_gain),
         ];
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
             return Err(SettingsError { field, value, expected: "at most 1" });
@@ -165,6 +177,15 @@ mod tests {
         let mut wrong = Settings::default();
         wrong.planner.lattice.weights.offset = -1.0;
         assert_eq!(wrong.validate().unwrap_err().field, "planner.lattice.weights.offset");
+        let mut wrong = Settings::default();
+        wrong.planner.refinement.corridor = 1.5;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.corridor");
+        let mut wrong = Settings::default();
+        wrong.planner.refinement.iterations = 0;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.iterations");
+        let mut wrong = Settings::default();
+        wrong.planner.refinement.least_gain = f64::NAN;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.least_gain");
         let mut wrong = Settings::default();
         wrong.run.replan_interval = 1e-9;
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");

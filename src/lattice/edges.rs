@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::cost::CostTerms;
+use super::cost::{CostTerms, Weights};
 use super::counts::NoEdge;
 use super::{Ground, Node, Root, Settings};
 use crate::collision::{Allowance, Blocker, Clearance, StaticHit, Sweep};
@@ -63,7 +63,7 @@ impl Before {
         allowance: Allowance::NONE,
     };
 
-    pub(super) fn root(ground: &Ground<'_>, root: &Root, settings: &Settings) -> Self {
+    pub(super) fn root(ground: &Ground<'_>, root: &Root, weights: &Weights) -> Self {
         let length = root.kept.iter().map(|s| s.length).sum();
         let path = crate::trajectory::Path::new(root.start, &root.kept);
         let sweep = path.map(|path| ground.world.sweep_path(&path));
@@ -71,7 +71,7 @@ impl Before {
             length,
             clearance: sweep
                 .as_ref()
-                .map_or(Self::NOTHING.clearance, |s| ground.world.clearance(s, settings.weights.clearance_wanted)),
+                .map_or(Self::NOTHING.clearance, |s| ground.world.clearance(s, weights.clearance_wanted)),
             hit: sweep.as_ref().and_then(|s| ground.world.static_hit_from_start(s, &root.allowance)),
             sweeps: sweep.into_iter().map(Arc::new).collect(),
             allowance: Allowance {
@@ -122,8 +122,17 @@ impl Edge {
         ends_chain: bool,
         settings: &Settings,
     ) -> Self {
-        let least = least_terms(ground, &start, &spiral, (s0, s1), settings);
-        Self { to: index, end_offset: to.offset, spiral, start, least, ends_chain, checked: OnceLock::new(), sweep: OnceLock::new() }
+        let least = least_terms(ground, &start, &spiral, (s0, s1), &settings.weights);
+        Self {
+            to: index,
+            end_offset: to.offset,
+            spiral,
+            start,
+            least,
+            ends_chain,
+            checked: OnceLock::new(),
+            sweep: OnceLock::new(),
+        }
     }
 
     /// The collision check if it was made.
@@ -133,23 +142,8 @@ impl Edge {
 
     /// The collision check, made now if it was not before. `before` must be that of the edge's start.
     pub(super) fn check(&self, ground: &Ground<'_>, before: &Before, settings: &Settings) -> &Checked {
-        self.checked.get_or_init(|| {
-            let w = &settings.weights;
-            let mut probe = ground.world.probe(&self.start, &self.spiral);
-            let (hit, from) = match before.hit {
-                Some(hit) => (Some(hit), before.length),
-                None => (probe.static_hit(&before.allowance), 0.0),
-            };
-            let clearance = probe.clearance(w.clearance_wanted);
-            let obstacle = clearance.obstacle.min(before.clearance.obstacle);
-            let road = clearance.road.min(before.clearance.road);
-            let near = 1.0 - obstacle.min(road + ROAD_IS_KINDER) / w.clearance_wanted;
-            Checked {
-                free_length: hit.map_or(self.spiral.length, |h| h.station - from),
-                blocked_by: hit.map(|h| h.what),
-                terms: CostTerms { clearance: w.clearance * self.spiral.length * near.max(0.0).powi(2), ..self.least },
-            }
-        })
+        self.checked
+            .get_or_init(|| checked(ground, (&self.start, &self.spiral), &self.least, before, &settings.weights))
     }
 
     /// Its swept footprint: made for the chains that are handed out only.
@@ -158,21 +152,46 @@ impl Edge {
     }
 }
 
+/// The collision check of a spiral in its place. `least` are its terms so far; `before` is what is driven before it.
+pub(super) fn checked(
+    ground: &Ground<'_>,
+    (start, spiral): (&Pose, &CubicSpiral),
+    least: &CostTerms,
+    before: &Before,
+    w: &Weights,
+) -> Checked {
+    let mut probe = ground.world.probe(start, spiral);
+    let (hit, from) = match before.hit {
+        Some(hit) => (Some(hit), before.length),
+        None => (probe.static_hit(&before.allowance), 0.0),
+    };
+    let clearance = probe.clearance(w.clearance_wanted);
+    let near = closeness(&clearance).min(closeness(&before.clearance));
+    let share = (1.0 - near / w.clearance_wanted).max(0.0);
+    Checked {
+        free_length: hit.map_or(spiral.length, |h| h.station - from),
+        blocked_by: hit.map(|h| h.what),
+        terms: CostTerms { clearance: w.clearance * spiral.length * share.powi(2), ..*least },
+    }
+}
+
+/// The clearance that costs by, m.
+pub(super) fn closeness(clearance: &Clearance) -> f64 {
+    clearance.obstacle.min(clearance.road + ROAD_IS_KINDER)
+}
+
 /// The terms of a spiral that need no collision check. `stations` are about where it begins and ends on the reference
 /// line, m.
-fn least_terms(
+pub(super) fn least_terms(
     ground: &Ground<'_>,
     start: &Pose,
     spiral: &CubicSpiral,
     (begins, ends): (f64, f64),
-    settings: &Settings,
+    w: &Weights,
 ) -> CostTerms {
-    /// Samples along an edge for the costs by offset.
-    const SAMPLES: usize = 6;
-    let w = &settings.weights;
     let mut terms = CostTerms { bending: w.bending * spiral.bending_energy(), ..CostTerms::default() };
-    let way = spiral.length / SAMPLES as f64;
-    for (along, point) in spiral.samples(start, SAMPLES).skip(1) {
+    let way = spiral.length / COST_SAMPLES as f64;
+    for (along, point) in spiral.samples(start, COST_SAMPLES).skip(1) {
         let about = begins + (ends - begins) * along / spiral.length;
         let Frenet { s, l } = ground.reference.project_near(point.pose.position, about);
         terms.offset += w.offset * way * l.abs().min(OFFSET_SATURATES).powi(2);
@@ -189,7 +208,7 @@ const SLIDES_WITHIN: f64 = 1.0;
 /// A spiral this many times longer than its chord winds: not an edge.
 const LONGEST_DETOUR: f64 = 1.5;
 /// Offsets beyond this cost no more (m): on the way from another lane they say nothing about the path.
-const OFFSET_SATURATES: f64 = 2.0;
+pub(super) const OFFSET_SATURATES: f64 = 2.0;
 /// The road's edge costs like an obstacle that is this much farther away (m): lanes are narrow by design.
 const ROAD_IS_KINDER: f64 = 0.5;
 
@@ -211,3 +230,5 @@ fn slid(root: &Root, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral>
     let winds = found.spiral.length > LONGEST_DETOUR * local.position.coords.norm();
     (found.method == Method::Convex && !winds).then_some(found.spiral)
 }
+/// Samples along an edge for the costs by offset.
+pub(super) const COST_SAMPLES: usize = 6;

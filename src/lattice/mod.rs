@@ -18,6 +18,7 @@ mod cost;
 mod counts;
 mod edges;
 mod layers;
+pub mod refine;
 mod search;
 mod store;
 
@@ -105,6 +106,8 @@ pub struct Root {
 pub struct LatticePath {
     /// The path, from the vehicle on.
     pub path: Path,
+    /// How many spirals at its start belong to the committed path.
+    pub kept: usize,
     /// Swept footprints of its edges, in order.
     pub sweeps: Vec<Arc<Sweep>>,
     /// How far the rear axle may come on it, m.

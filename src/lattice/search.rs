@@ -94,7 +94,7 @@ impl<'a> Search<'a> {
         settings: &'a Settings,
         store: &mut EdgeStore,
     ) -> Self {
-        let (nodes, before) = (super::nodes(settings), Before::root(ground, root, settings));
+        let (nodes, before) = (super::nodes(settings), Before::root(ground, root, &settings.weights));
         let mut search =
             Self { ground, root, settings, horizon, nodes, before, layers: Vec::new(), counts: EdgeCounts::default() };
         for (i, station) in stations.iter().enumerate() {
@@ -282,7 +282,14 @@ impl<'a> Search<'a> {
         let last = checked.last()?;
         Some(LatticePath {
             path: Path::new(self.root.start, &spirals)?,
-            sweeps: self.before.sweeps.iter().chain(edges.iter().map(|e| e.sweep(self.ground))).map(Arc::clone).collect(),
+            sweeps: self
+                .before
+                .sweeps
+                .iter()
+                .chain(edges.iter().map(|e| e.sweep(self.ground)))
+                .map(Arc::clone)
+                .collect(),
+            kept: self.root.kept.len(),
             free_length: self.before.length + labels[end].free_length,
             blocked_by: last.blocked_by,
             terms: CostTerms { missing: self.missing(&labels[end]), ..terms },

@@ -91,7 +91,7 @@ fn reasons(counts: &EdgeCounts) -> EdgeCounts {
 fn assert_complete(counts: &EdgeCounts) {
     let c = counts;
     let refused = c.off_road + c.no_spiral + c.curvature_bound + c.winds;
-    assert_eq!(c.tried, refused + c.unchecked + c.obstacle + c.road_edge + c.free, "{c:?}");
+    assert_eq!(c.tried, refused + c.unchecked + c.obstacle + c.occupied_cell + c.road_edge + c.free, "{c:?}");
     assert_eq!(c.obstacle, c.by_obstacle.values().sum::<usize>(), "{c:?}");
 }
 
@@ -155,7 +155,7 @@ impl AllChains<'_> {
                     let begins = ground.reference.project(self.root.pose.position).s;
                     (
                         Edge::from_root(ground, (begins, self.root), to, settings),
-                        Before::root(ground, self.root, settings),
+                        Before::root(ground, self.root, &settings.weights),
                     )
                 }
                 Some(i) => {

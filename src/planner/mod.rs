@@ -12,6 +12,7 @@ mod candidate;
 mod goal;
 mod lanes;
 mod record;
+mod refinement;
 mod settings;
 
 pub use goal::GoalOnLane;
@@ -24,10 +25,9 @@ use self::candidate::{Evaluation, Proven, Situation};
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
-use crate::geometry::wrap_angle;
 use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
-use crate::reference::Frenet;
+use crate::reference::{Frenet, ReferenceLine};
 use crate::speed::smoothing;
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
@@ -56,6 +56,7 @@ struct Committed {
     trajectory: Trajectory,
     deceleration: f64,
     is_smooth: bool,
+    is_refined: bool,
 }
 
 /// What proofs may use in one attempt.
@@ -96,6 +97,7 @@ struct Choice {
     proven: Box<Proven>,
     deceleration: f64,
     cost: f64,
+    is_refined: bool,
 }
 
 /// Why planning can't even begin.
@@ -155,9 +157,11 @@ impl<'a> Planner<'a> {
         let start = self.start(state);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
-        let choice = self.rungs().into_iter().find_map(|rung| self.choose(&start, rung, &mut record));
-        let (decision, blocked) = match choice.filter(|c| !self.is_settled(&start, c)) {
-            Some(choice) => {
+        let choice = self.rungs().into_iter().find_map(|rung| Some((rung, self.choose(&start, rung, &mut record)?)));
+        let (decision, blocked) = match choice.filter(|(_, choice)| !self.is_settled(&start, choice)) {
+            Some((rung, choice)) => {
+                let choice = self.refined(&start, rung, choice, &mut record);
+                record.is_refined = choice.is_refined;
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
                 let smoothing_begun = Instant::now();
@@ -167,12 +171,14 @@ impl<'a> Planner<'a> {
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
-                let is_smooth = record.is_smooth;
-                self.committed = Some(Committed { trajectory, deceleration: choice.deceleration, is_smooth });
+                let CycleRecord { is_smooth, is_refined, .. } = record;
+                self.committed =
+                    Some(Committed { trajectory, deceleration: choice.deceleration, is_smooth, is_refined });
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
                 record.is_smooth = self.committed.as_ref().is_some_and(|c| c.is_smooth);
+                record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
                 (Decision::KeepLast, Vec::new())
             }
             None => {
@@ -193,6 +199,7 @@ impl<'a> Planner<'a> {
             edges: record.edges,
             expansions: record.expansions,
             is_smooth: record.is_smooth,
+            is_refined: record.is_refined,
             stage_seconds: record.seconds,
         }
     }
@@ -311,12 +318,7 @@ impl<'a> Planner<'a> {
         let weights = self.settings.lattice.weights;
         let committed = self.committed.as_ref().filter(|_| start.on_plan);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let ground = Ground {
-            reference: &lane.reference,
-            world,
-            max_curvature: self.vehicle.max_curvature() * CURVATURE_SHARE,
-            half_width: 0.5 * self.vehicle.width,
-        };
+        let ground = ground(self.vehicle, &lane.reference, world);
         // a lane change that the goal needs gets dearer to put off as its time runs out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -332,8 +334,9 @@ impl<'a> Planner<'a> {
             for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
                 if let Some(committed) = committed {
-                    path.terms.switching = weights.switching
-                        * distance_between(&committed.trajectory.path, start.point.station, &path.path);
+                    let committed = &committed.trajectory.path;
+                    path.terms.switching =
+                        refinement::commitment(committed, start.point.station, &path.path, &weights).cost(&path.path);
                 }
                 all.push(path);
             }
@@ -389,6 +392,7 @@ impl<'a> Planner<'a> {
                                 proven,
                                 deceleration: rung.deceleration,
                                 cost: note.cost,
+                                is_refined: false,
                             });
                         } else {
                             note.rejected = Some("dearer");
@@ -465,7 +469,7 @@ impl<'a> Planner<'a> {
         let trajectory =
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
-            (Some(trajectory), _) => Committed { trajectory, deceleration, is_smooth: false },
+            (Some(trajectory), _) => Committed { trajectory, deceleration, is_smooth: false, is_refined: false },
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
         }
@@ -539,17 +543,10 @@ fn rest_of_edge(trajectory: &Trajectory, p: &TrajectoryPoint) -> Option<CubicSpi
     (spiral.length - from > WORTH_KEEPING).then(|| spiral.part(from, spiral.length))
 }
 
-/// Mean lateral distance between a candidate and the committed path at some distances ahead, m.
-fn distance_between(committed: &Path, station: f64, candidate: &Path) -> f64 {
-    const AHEAD: [f64; 4] = [5.0, 10.0, 20.0, 30.0];
-    let compared = AHEAD.iter().filter(|d| station + **d <= committed.length() && **d <= candidate.length());
-    let distances: Vec<f64> = compared
-        .map(|d| {
-            let (a, b) = (committed.at(station + d).pose, candidate.at(*d).pose);
-            a.to_local(b.position).y.abs() + wrap_angle(a.yaw - b.yaw).abs()
-        })
-        .collect();
-    if distances.is_empty() { 0.0 } else { distances.iter().sum::<f64>() / distances.len() as f64 }
+/// What the lattice of a lane is built on.
+fn ground<'a>(vehicle: &Vehicle, reference: &'a ReferenceLine, world: &'a CollisionWorld) -> Ground<'a> {
+    let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
+    Ground { reference, world, max_curvature, half_width }
 }
 
 /// What a cycle collects on its way.
@@ -561,5 +558,6 @@ struct CycleRecord {
     expansions: usize,
     reference: Vec<crate::geometry::Point>,
     is_smooth: bool,
+    is_refined: bool,
     seconds: StageSeconds,
 }

@@ -28,6 +28,8 @@ pub struct Cycle {
     pub expansions: usize,
     /// Whether the committed profile is jerk-limited; if not, the searched one stands because no smooth one was proved.
     pub is_smooth: bool,
+    /// Whether the committed path is a refined one; if not, the lattice's own stands.
+    pub is_refined: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
     pub stage_seconds: StageSeconds,
 }
@@ -70,6 +72,8 @@ pub struct StageSeconds {
     pub collision: f64,
     /// Speed search.
     pub speed: f64,
+    /// Refinement of the chosen path, with its speed search.
+    pub refinement: f64,
     /// Smoothing and its proof.
     pub smoothing: f64,
     /// The whole cycle.

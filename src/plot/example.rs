@@ -278,6 +278,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         edges: Default::default(),
         expansions: 120,
         is_smooth: true,
+        is_refined: false,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
     }
 }

@@ -203,6 +203,7 @@ pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
         edges: Default::default(),
         expansions: 0,
         is_smooth: true,
+        is_refined: false,
         stage_seconds: StageSeconds::default(),
     }
 }

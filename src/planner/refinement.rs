@@ -1,0 +1,77 @@
+//! The chosen path, refined as a whole and evaluated anew like any other candidate.
+//!
+//! Only the chosen path is refined: which one is chosen stays the lattice's decision, so that refinement brings no
+//! flicker of its own. It is committed in the place of the lattice's own if its stop is proven on the same rung and its
+//! total cost, the delay of its own speed search included, is not greater.
+
+use std::time::Instant;
+
+use super::candidate::{Evaluation, Proven};
+use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground};
+use crate::lattice::refine::{Commitment, refined};
+use crate::lattice::{LatticePath, Weights, rank};
+use crate::trajectory::Path;
+
+impl Planner<'_> {
+    /// The choice with its path refined, where that checks out; else as it is.
+    pub(super) fn refined(&self, start: &Start, rung: Rung, choice: Choice, record: &mut CycleRecord) -> Choice {
+        let begun = Instant::now();
+        let better = self.refinement(start, rung, &choice, record);
+        record.seconds.refinement = begun.elapsed().as_secs_f64();
+        match better {
+            Some((path, proven, cost)) => Choice { path, proven, cost, is_refined: true, ..choice },
+            None => choice,
+        }
+    }
+
+    fn refinement(
+        &self,
+        start: &Start,
+        rung: Rung,
+        choice: &Choice,
+        record: &mut CycleRecord,
+    ) -> Option<(LatticePath, Box<Proven>, f64)> {
+        let settings = &self.settings.refinement;
+        if !settings.enabled {
+            return None;
+        }
+        let lane = self.lanes.as_ref().ok().and_then(|lanes| lanes.get(choice.lane))?;
+        let world = &self.worlds[rung.world];
+        let weights = &self.settings.lattice.weights;
+        let committed = self.committed.as_ref().filter(|_| start.on_plan).map(|c| &c.trajectory.path);
+        let commitment = committed.map_or_else(Commitment::default, |committed| {
+            commitment(committed, start.point.station, &choice.path.path, weights)
+        });
+        let mut path = refined(
+            &ground(self.vehicle, &lane.reference, world),
+            &choice.path,
+            &allowance_at(world, &start.point),
+            self.vehicle.front_overhang_from_rear_axle(),
+            weights,
+            &commitment,
+            settings,
+        )?;
+        path.terms.switching = commitment.cost(&path.path);
+        let situation = self.situation(start, lane, rung);
+        match situation.evaluate(&path) {
+            Evaluation::Rejected { expansions, .. } => {
+                record.expansions += expansions;
+                None
+            }
+            Evaluation::Proven(proven) => {
+                record.expansions += proven.plan.expansions;
+                let delay = weights.delay * (situation.free_progress() - proven.progress).max(0.0);
+                let cost = path.terms.total() + delay;
+                (rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
+            }
+        }
+    }
+}
+
+/// The committed path at some distances ahead, as far as it and the candidate reach; the mean distance from it there is
+/// what a candidate pays for.
+pub(super) fn commitment(committed: &Path, station: f64, candidate: &Path, weights: &Weights) -> Commitment {
+    const AHEAD: [f64; 4] = [5.0, 10.0, 20.0, 30.0];
+    let compared = AHEAD.iter().filter(|d| station + **d <= committed.length() && **d <= candidate.length());
+    Commitment { poses: compared.map(|d| (*d, committed.at(station + d).pose)).collect(), price: weights.switching }
+}
