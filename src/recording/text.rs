@@ -100,7 +100,7 @@ fn describe(cycle: &Cycle, decision: &str) -> String {
 fn rejections(cycle: &Cycle) -> BTreeMap<&'static str, usize> {
     let mut counts = BTreeMap::new();
     for reason in cycle.candidates.iter().filter_map(|c| c.rejected) {
-        *counts.entry(reason).or_insert(0) += 1;
+        *counts.entry(reason.code()).or_insert(0) += 1;
     }
     counts
 }
@@ -167,7 +167,7 @@ mod tests {
             "stopped safely",
         ];
         assert_eq!(kinds, expected);
-        assert!(lines[0].text.contains("collision 1, curvature 1, off_road 1"), "{}", lines[0].text);
+        assert!(lines[0].text.contains("no_proof 1, no_room 1, too_sharp 1"), "{}", lines[0].text);
     }
 
     #[test]
