@@ -6,7 +6,8 @@ use std::sync::{Arc, OnceLock};
 use rayon::prelude::*;
 
 use super::cost::CostTerms;
-use super::{Ground, LatticePath, Root, Settings};
+use super::counts::{EdgeCounts, NoEdge};
+use super::{Found, Ground, Root, Settings};
 use crate::collision::{Allowance, Blocker, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::spiral_opt::{Method, connect_bounded};
@@ -65,7 +66,26 @@ fn swept(ground: &Ground<'_>, start: &Pose, spiral: &CubicSpiral, kept: &[CubicS
 /// Station index from, station index to.
 type LayerPair = (i64, i64);
 /// Edges by the offset they start at; `None` where nobody asked yet.
-type LayerEdges = Vec<Option<Vec<Arc<Edge>>>>;
+type LayerEdges = Vec<Option<NodeEdges>>;
+
+/// The edges that start at a node, in order of the offset they end at, and how many were refused.
+#[derive(Debug, Clone, Default)]
+pub(super) struct NodeEdges {
+    pub(super) edges: Vec<Arc<Edge>>,
+    pub(super) counts: EdgeCounts,
+}
+
+impl NodeEdges {
+    pub(super) fn take(&mut self, tried: Result<Edge, NoEdge>) {
+        match tried {
+            Ok(edge) => {
+                self.counts.count_checked(edge.blocked_by);
+                self.edges.push(Arc::new(edge));
+            }
+            Err(reason) => self.counts.count_refused(reason),
+        }
+    }
+}
 
 /// Keeps what stays the same: the edges between lattice nodes from cycle to cycle, which depend on the reference line and
 /// the static world only, and the last answers of [`super::paths`], which several attempts of one cycle ask for again. A
@@ -113,7 +133,7 @@ impl EdgeStore {
         starts: &[usize],
         offsets: &[f64],
         settings: &Settings,
-    ) -> &[Option<Vec<Arc<Edge>>>] {
+    ) -> (&[Option<NodeEdges>], usize) {
         let ends = self.nodes(ground, to, offsets, settings).to_vec();
         let layer = self.layers.entry((from, to)).or_insert_with(|| vec![None; offsets.len()]);
         let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
@@ -121,28 +141,32 @@ impl EdgeStore {
             .iter()
             .filter(|i| layer[**i].is_none())
             .flat_map(|&i| (0..offsets.len()).map(move |j| (i, j)))
-            .filter(|&(i, j)| ends[j] && (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
+            .filter(|&(i, j)| (offsets[i] - offsets[j]).abs() <= settings.steepest * (s1 - s0))
             .collect();
-        let made: Vec<Option<Arc<Edge>>> = pairs
+        let tried: Vec<Result<Edge, NoEdge>> = pairs
             .par_iter()
             .map(|&(i, j)| {
-                let start = ground.reference.offset_pose(s0, offsets[i])?;
-                let end = ground.reference.offset_pose(s1, offsets[j])?;
+                if !ends[j] {
+                    return Err(NoEdge::OffRoad);
+                }
+                let start = ground.reference.offset_pose(s0, offsets[i]).ok_or(NoEdge::NoSpiral)?;
+                let end = ground.reference.offset_pose(s1, offsets[j]).ok_or(NoEdge::NoSpiral)?;
                 let spiral = bounded(&start.pose, start.curvature, &end, ground.max_curvature)?;
                 let start = start.pose;
                 let stations = (s0, s1);
                 let placed =
                     Placed { start, stations, spiral, kept: &[], path_start: start, allowance: Allowance::NONE };
-                Some(Arc::new(placed.checked(ground, Some(i), j, offsets[j], settings)))
+                Ok(placed.checked(ground, Some(i), j, offsets[j], settings))
             })
             .collect();
         for i in starts {
-            layer[*i].get_or_insert_with(Vec::new);
+            layer[*i].get_or_insert_default();
         }
-        for ((i, _), edge) in pairs.into_iter().zip(made) {
-            layer[i].get_or_insert_with(Vec::new).extend(edge);
+        let made = tried.iter().filter(|edge| edge.is_ok()).count();
+        for ((i, _), edge) in pairs.into_iter().zip(tried) {
+            layer[i].get_or_insert_default().take(edge);
         }
-        layer
+        (layer, made)
     }
 }
 
@@ -157,20 +181,24 @@ pub(super) fn from_root(
     nodes: &[bool],
     offsets: &[f64],
     settings: &Settings,
-) -> Vec<Edge> {
+) -> NodeEdges {
     let begins = ground.reference.project(root.pose.position).s;
     let station = station as f64 * settings.grid;
-    (0..offsets.len())
+    let tried: Vec<Result<Edge, NoEdge>> = (0..offsets.len())
         .into_par_iter()
-        .filter(|j| nodes[*j])
-        .filter_map(|j| {
-            let end = ground.reference.offset_pose(station, offsets[j])?;
+        .map(|j| {
+            if !nodes[j] {
+                return Err(NoEdge::OffRoad);
+            }
+            let end = ground.reference.offset_pose(station, offsets[j]).ok_or(NoEdge::NoSpiral)?;
             let exact = bounded(&root.pose, root.curvature, &end, ground.max_curvature);
-            let ends_chain = exact.is_none();
+            let ends_chain = exact.is_err();
             let spiral = match exact {
-                Some(spiral) => spiral,
-                None if offsets[j].abs() <= SLIDES_WITHIN => slid(root, &end, ground.max_curvature)?,
-                None => return None,
+                Ok(spiral) => spiral,
+                Err(reason) if offsets[j].abs() <= SLIDES_WITHIN => {
+                    slid(root, &end, ground.max_curvature).ok_or(reason)?
+                }
+                Err(reason) => return Err(reason),
             };
             let placed = Placed {
                 start: root.pose,
@@ -180,9 +208,12 @@ pub(super) fn from_root(
                 path_start: root.start,
                 allowance: root.allowance,
             };
-            Some(Edge { ends_chain, ..placed.checked(ground, None, j, offsets[j], settings) })
+            Ok(Edge { ends_chain, ..placed.checked(ground, None, j, offsets[j], settings) })
         })
-        .collect()
+        .collect();
+    let mut found = NodeEdges::default();
+    tried.into_iter().for_each(|edge| found.take(edge));
+    found
 }
 
 /// Nodes within this offset may be missed sideways where the curvature bound bites, m: a tight corner needs some way
@@ -207,31 +238,33 @@ pub(super) struct Question {
 
 /// The last questions with their answers, oldest first.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Answers(Vec<(Question, Vec<LatticePath>)>);
+pub(super) struct Answers(Vec<(Question, Found)>);
 
 impl Answers {
     /// Questions kept: a cycle asks from two roots.
     const KEPT: usize = 2;
 
-    pub(super) fn get(&self, question: &Question) -> Option<Vec<LatticePath>> {
+    pub(super) fn get(&self, question: &Question) -> Option<Found> {
         self.0.iter().find(|(asked, _)| asked == question).map(|(_, answer)| answer.clone())
     }
 
-    pub(super) fn keep(&mut self, question: Question, answer: &[LatticePath]) {
+    pub(super) fn keep(&mut self, question: Question, answer: &Found) {
         if self.0.len() == Self::KEPT {
             self.0.remove(0);
         }
-        self.0.push((question, answer.to_vec()));
+        self.0.push((question, answer.clone()));
     }
 }
 
 /// The spiral from a pose to a node, if there is one whose curvature stays within the bound everywhere.
-fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral> {
+fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f64) -> Result<CubicSpiral, NoEdge> {
     let local = Pose { position: start.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - start.yaw) };
-    let spiral = connect(start_curvature, &local, end.curvature).ok()?;
+    let spiral = connect(start_curvature, &local, end.curvature).map_err(|_| NoEdge::NoSpiral)?;
+    if spiral.length > LONGEST_DETOUR * local.position.coords.norm() {
+        return Err(NoEdge::Winds);
+    }
     let bound = max_curvature.max(start_curvature.abs());
-    let winds = spiral.length > LONGEST_DETOUR * local.position.coords.norm();
-    (spiral.max_abs_curvature() <= bound * (1.0 + 1e-9) && !winds).then_some(spiral)
+    if spiral.max_abs_curvature() > bound * (1.0 + 1e-9) { Err(NoEdge::CurvatureBound) } else { Ok(spiral) }
 }
 
 /// A spiral this many times longer than its chord winds: not an edge.

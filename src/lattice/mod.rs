@@ -12,9 +12,11 @@
 //! Weak spots: one heading and curvature per node; edges that the vehicle could only just drive may be missed.
 
 mod cost;
+mod counts;
 mod edges;
 
 pub use cost::{CostTerms, Weights, rank};
+pub use counts::EdgeCounts;
 pub use edges::{Edge, EdgeStore};
 
 use std::sync::Arc;
@@ -118,7 +120,16 @@ pub struct Ground<'a> {
     pub half_width: f64,
 }
 
-/// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most.
+/// What a search found.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// Cheapest first; none is an outcome, whose reasons `counts` tells.
+    pub paths: Vec<LatticePath>,
+    /// What became of the edges.
+    pub counts: EdgeCounts,
+}
+
+/// The paths of [`search`].
 #[must_use]
 pub fn paths(
     ground: &Ground<'_>,
@@ -128,6 +139,20 @@ pub fn paths(
     settings: &Settings,
     store: &mut EdgeStore,
 ) -> Vec<LatticePath> {
+    search(ground, root, speed, horizon, settings, store).paths
+}
+
+/// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most,
+/// with what became of the edges looked at.
+#[must_use]
+pub fn search(
+    ground: &Ground<'_>,
+    root: &Root,
+    speed: f64,
+    horizon: f64,
+    settings: &Settings,
+    store: &mut EdgeStore,
+) -> Found {
     let question = edges::Question { root: root.clone(), speed, horizon };
     if let Some(answer) = store.answers.get(&question) {
         return answer;
@@ -136,8 +161,13 @@ pub fn paths(
     store.forget_before(here - FORGOTTEN_BEHIND, settings);
     let stations = layer_stations(ground, root, speed, horizon, settings);
     let chains = Chains::build(ground, root, &stations, settings, store);
-    let answer = chains.map_or_else(Vec::new, |chains| chains.candidates(ground, root, horizon, settings));
-    store.answers.keep(question, &answer);
+    let answer = chains.map_or_else(Found::default, |chains| {
+        let counts = chains.counts.clone();
+        Found { paths: chains.candidates(ground, root, horizon, settings), counts }
+    });
+    let mut kept = answer.clone();
+    kept.counts.made = 0;
+    store.answers.keep(question, &kept);
     answer
 }
 
@@ -174,6 +204,7 @@ struct Chains {
     labels: Vec<Label>,
     /// Labels that end a candidate: at the last layer or in front of something.
     ends: Vec<usize>,
+    counts: EdgeCounts,
 }
 
 /// The best chain to the end of an edge.
@@ -195,29 +226,37 @@ impl Chains {
         store: &mut EdgeStore,
     ) -> Option<Self> {
         let first = *stations.first()?;
-        let mut chains = Self { labels: Vec::new(), ends: Vec::new() };
+        let mut chains = Self { labels: Vec::new(), ends: Vec::new(), counts: EdgeCounts::default() };
         let offsets = offsets(settings);
         let root_edges = |store: &mut EdgeStore, station| {
             // who starts off the road, or inside a margin, may pass over nodes that are off it
             let all = vec![true; offsets.len()];
             let on_road = root.allowance == Allowance::NONE;
             let nodes = if on_road { store.nodes(ground, station, &offsets, settings) } else { &all };
-            let edges = edges::from_root(ground, root, station, nodes, &offsets, settings);
-            edges.into_iter().map(|e| (None, Arc::new(e)))
+            let mut found = edges::from_root(ground, root, station, nodes, &offsets, settings);
+            found.counts.made = found.edges.len();
+            found
         };
-        let mut layer = chains.extend(root_edges(store, first), offsets.len());
+        let found = root_edges(store, first);
+        chains.counts.add(&found.counts);
+        let mut layer = chains.extend(found.edges.into_iter().map(|e| (None, e)), offsets.len());
         for (i, pair) in stations.windows(2).enumerate() {
             let reached: Vec<(usize, usize)> =
                 layer.iter().enumerate().filter_map(|(offset, label)| Some((offset, (*label)?))).collect();
             let starts: Vec<usize> = reached.iter().map(|(offset, _)| *offset).collect();
-            let next = store.between(ground, (pair[0], pair[1]), &starts, &offsets, settings);
+            let (next, made) = store.between(ground, (pair[0], pair[1]), &starts, &offsets, settings);
+            chains.counts.made += made;
             let mut tries = Vec::new();
             for (offset, label) in reached {
-                tries.extend(next[offset].iter().flatten().map(|e| (Some(label), Arc::clone(e))));
+                let Some(node) = &next[offset] else { continue };
+                chains.counts.add(&node.counts);
+                tries.extend(node.edges.iter().map(|e| (Some(label), Arc::clone(e))));
             }
             // long edges straight from the root: a gentle change of lanes takes more than one stride
             if i + 1 < settings.root_layers {
-                tries.extend(root_edges(store, pair[1]));
+                let found = root_edges(store, pair[1]);
+                chains.counts.add(&found.counts);
+                tries.extend(found.edges.into_iter().map(|e| (None, e)));
             }
             layer = chains.extend(tries.into_iter(), offsets.len());
         }

@@ -28,7 +28,7 @@ use self::hysteresis::InForce;
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
-use crate::lattice::{Ground, LatticePath, Root, paths, rank};
+use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::Frenet;
 use crate::speed::smoothing;
@@ -197,6 +197,7 @@ impl<'a> Planner<'a> {
             candidates: record.candidates,
             blocked,
             chosen: record.chosen,
+            edges: record.edges,
             expansions: record.expansions,
             is_smooth: record.is_smooth,
             stage_seconds: record.seconds,
@@ -297,7 +298,7 @@ impl<'a> Planner<'a> {
         let mut best: Option<Choice> = None;
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
-            let found = self.lattice_paths(start, lane, rung);
+            let found = self.lattice_paths(start, lane, rung, &mut record.edges);
             record.seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
             self.evaluate_all(start, lane, rung, found, &mut best, record);
@@ -308,7 +309,7 @@ impl<'a> Planner<'a> {
 
     /// Lattice paths on a lane, from the start and from the end of the committed edge, with the terms that depend on
     /// the lane and on the committed path.
-    fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung) -> Vec<LatticePath> {
+    fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung, counts: &mut EdgeCounts) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
@@ -333,7 +334,9 @@ impl<'a> Planner<'a> {
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[rung.world];
-            for mut path in paths(&ground, root, speed, horizon, &self.settings.lattice, store) {
+            let found = search(&ground, root, speed, horizon, &self.settings.lattice, store);
+            counts.add(&found.counts);
+            for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
                 if let Some(in_force) = &in_force {
                     path.terms.switching = weights.switching * in_force.departure(&path.path);
@@ -544,6 +547,7 @@ struct CycleRecord {
     /// The attempt that is being made.
     attempt: usize,
     chosen: Option<usize>,
+    edges: EdgeCounts,
     expansions: usize,
     reference: Vec<crate::geometry::Point>,
     is_smooth: bool,

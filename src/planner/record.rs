@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::geometry::Point;
-use crate::lattice::CostTerms;
+use crate::lattice::{CostTerms, EdgeCounts};
 use crate::trajectory::{Path, Trajectory};
 
 /// What one planning cycle saw and chose. Everything that pictures, recordings and reports need.
@@ -24,6 +24,8 @@ pub struct Cycle {
     pub blocked: Vec<((f64, f64), (f64, f64))>,
     /// Index of the chosen one in `candidates`; `None` when the last plan goes on.
     pub chosen: Option<usize>,
+    /// What became of the lattice edges that were looked at, over all lanes and attempts.
+    pub edges: EdgeCounts,
     /// Search expansions of the speed layer, over all candidates.
     pub expansions: usize,
     /// Whether the committed profile is jerk-limited; if not, the searched one stands because no smooth one was proved.

@@ -275,6 +275,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
             .map(|t| ((now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t), (time + t, time + t + 0.5)))
             .collect(),
         chosen: (!kept).then_some(0),
+        edges: Default::default(),
         expansions: 120,
         is_smooth: true,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },

@@ -199,6 +199,7 @@ pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
         candidates: Vec::new(),
         blocked: Vec::new(),
         chosen: None,
+        edges: Default::default(),
         expansions: 0,
         is_smooth: true,
         stage_seconds: StageSeconds::default(),
