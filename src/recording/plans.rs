@@ -1,8 +1,8 @@
 //! What each planning cycle saw and chose: reference line, candidates, the committed path and its proven stop.
 //!
-//! Candidates are coloured by what became of them: chosen, dearer, refused. The chosen one has its cost by terms at its
-//! end, and so has the runner-up, so that what decided between them can be read; one label for each reason of refusal
-//! stands on the way.
+//! Candidates are coloured by what became of them: chosen, dearer, refused. At the end of the chosen one stands its cost
+//! by terms, and below it that of the runner-up, so that what decided between them can be read; one label for each reason
+//! of refusal stands on the way.
 
 use std::collections::BTreeMap;
 
@@ -17,8 +17,6 @@ use crate::plot::refusal;
 
 /// Points along a candidate: its shape is smooth, and there are many of them.
 const CANDIDATE_POINTS: f64 = 32.0;
-/// Where along the runner-up its label stands.
-const RUNNER_UP_PART: f64 = 0.9;
 /// Spacing of points along the committed path, m.
 const PLAN_SPACING: f64 = 0.5;
 
@@ -68,20 +66,17 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
     context.log("map/plan/candidates/reasons", &points.with_labels(labels).with_draw_order(order::LABELS))
 }
 
-/// The cost by terms at the end of the chosen candidate, and of the cheapest one that it was chosen before.
+/// The cost by terms at the end of the chosen candidate, and below it that of the cheapest one that it was chosen before.
 fn log_costs(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
     let chosen = cycle.chosen.and_then(|i| cycle.candidates.get(i));
     let passed = cycle.candidates.iter().filter(|c| c.rejected == Some(Rejection::Dearer));
     let runner_up = passed.min_by(|a, b| a.cost.total_cmp(&b.cost));
-    let (places, labels): (Vec<_>, Vec<_>) = (chosen.map(|c| (c, "chosen")).into_iter())
-        .chain(runner_up.map(|c| (c, "dearer")))
-        .filter_map(|(c, state)| {
-            // apart, where both end in the same place
-            let part = if state == "chosen" { 1.0 } else { RUNNER_UP_PART };
-            let place = context.local(&c.path.at(part * c.path.length()).pose.position)?;
-            Some((place, format!("{state} {}", cost_by_terms(c))))
-        })
-        .unzip();
+    let label = |c: &Candidate| {
+        let next = runner_up.map(|r| format!("\ndearer {}", cost_by_terms(r))).unwrap_or_default();
+        let place = context.local(&c.path.at(c.path.length()).pose.position)?;
+        Some((place, format!("chosen {}{next}", cost_by_terms(c))))
+    };
+    let (places, labels): (Vec<_>, Vec<_>) = chosen.and_then(label).into_iter().unzip();
     let points = Points2D::new(places).with_radii([pixels(1.5)]).with_colors([style::CHOSEN]);
     context.log("map/plan/candidates/costs", &points.with_labels(labels).with_draw_order(order::LABELS))
 }

@@ -346,14 +346,14 @@ mod tests {
                 for (side, limit) in [(1.0, left), (-1.0, right)] {
                     assert!(limit > 0.0, "{name}: {limit} at {s}");
                     let inside = side * (0.995 * limit).min(40.0);
-                    let (distance, at) = nearest_by_looking(&line, line.from_frenet(s, inside));
+                    let (distance, at) = nearest_by_looking(line, line.from_frenet(s, inside));
                     assert!(distance > inside.abs() - 1e-4, "{name}: {inside} at {s} is nearer to {at}");
                     // the sampling can't tell points whose distance differs by less than its own
                     assert!((at - s).abs() < 1.5, "{name}: {inside} at {s} has its foot at {at}");
                     if limit < 30.0 {
                         limited += 1;
                         let outside = side * (1.01 * limit + 0.05);
-                        let (distance, _) = nearest_by_looking(&line, line.from_frenet(s, outside));
+                        let (distance, _) = nearest_by_looking(line, line.from_frenet(s, outside));
                         assert!(distance < outside.abs() - 1e-7, "{name}: {outside} at {s} is still the nearest");
                     }
                 }
