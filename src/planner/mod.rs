@@ -5,7 +5,7 @@
 //! lets SafeTLP search the speed on them and commits to the best pair of path and speed **whose stop is proven**. If
 //! there is none, the last proven plan goes on to its stop.
 //!
-//! When the plan in force is left for another is one rule, in [`hysteresis`].
+//! When the plan in force is left for another is one rule, in `hysteresis`.
 //!
 //! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
 //! margins, then with harder braking. Each plan says which it needed.

@@ -14,7 +14,7 @@
 //! The normal equations have three off-diagonals, so a guess of the active bounds costs a solve in linear time. The
 //! primal-dual active set method (Hintermüller, Ito & Kunisch 2002) starts with none, which is right for most lanes, and
 //! takes the bounds that are crossed and drops those that pull. When nothing changes any more the optimality conditions
-//! hold exactly. It may cycle in theory; then the interior-point solver is asked, whose answer is good to about 10⁻⁴ m.
+//! hold exactly. It may cycle in theory; then the interior-point solver is asked, whose answer is good to its tolerance only.
 
 use crate::convex::QuadraticProgram;
 use crate::geometry::{Point, Vector};
@@ -95,7 +95,7 @@ impl Problem<'_> {
 
     /// The displacements by the primal-dual active set method; `None` if it does not settle.
     fn by_active_set(&self) -> Option<Vec<f64>> {
-        /// Most changes of the active bounds. Lanes take up to about ten.
+        /// Most changes of the active bounds; a set that has not settled by then cycles.
         const MOST_CHANGES: usize = 40;
         let (matrix, right) = self.normal_equations();
         let mut active: Vec<Option<f64>> = vec![None; right.len()];

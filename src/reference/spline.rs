@@ -8,7 +8,8 @@
 //! The spline's parameter t is not arc length; in each segment t is a quintic polynomial of arc length that matches t,
 //! dt/ds and d²t/ds² at both ends, with the segments' lengths by Gauss–Legendre quadrature. So evaluation is explicit;
 //! position, tangent, curvature and its derivative at a parameter are exact for the curve, and |dP/ds| is 1 at the knots
-//! and to about 1e-5 between them (where steps are a quarter of the radius of curvature; 1e-8 on roads).
+//! and nearly so between them (on real lanes the largest error of a line is 6e-8 in the median, 1e-5 in 95 of 100, and 2e-3
+//! where one bends by a radian between two points).
 //!
 //! Weak: of rough data (a corner between two points) an interpolating spline makes waves that die out over about three
 //! points. It is meant for smoothed points.
