@@ -119,6 +119,10 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
     pub(super) json: Option<PathBuf>,
 
+    /// Every planning cycle of a drive with its candidates, their cost terms and why they were rejected, in the JSON: large.
+    #[arg(long, requires = "json", help_heading = "Outputs")]
+    pub(super) json_cycles: bool,
+
     /// The driven samples (for `plan`, the planned ones) as a table.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) csv: Option<PathBuf>,

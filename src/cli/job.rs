@@ -38,6 +38,8 @@ pub(super) struct Job {
 pub(super) struct Outputs {
     /// `-` is stdout.
     pub(super) json: Option<PathBuf>,
+    /// Whether the JSON tells every planning cycle.
+    pub(super) json_cycles: bool,
     pub(super) csv: Option<PathBuf>,
     pub(super) solution: Option<PathBuf>,
     pub(super) svg: Option<PathBuf>,
@@ -48,7 +50,14 @@ impl Job {
     /// Reads the inputs and checks the outputs.
     pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
         let inputs = [Some(args.scenario.as_path()), args.config.as_deref(), args.grid.as_deref()];
-        let outputs = Outputs { json: args.json, csv: args.csv, solution: args.solution, svg: args.svg, rrd: args.rrd };
+        let outputs = Outputs {
+            json: args.json,
+            json_cycles: args.json_cycles,
+            csv: args.csv,
+            solution: args.solution,
+            svg: args.svg,
+            rrd: args.rrd,
+        };
         outputs.check(&inputs)?;
         let mut scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
         scenario.occupancy = args.grid.as_deref().map(ros_map::read_file).transpose().map_err(Failure::file)?;

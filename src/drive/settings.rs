@@ -97,6 +97,10 @@ impl Settings {
                 return Err(SettingsError { field, value, expected: "zero or more, and finite" });
             }
         }
+        // costs are compared in millionths: larger weights would make all of them equal
+        if let Some((field, value)) = l.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
+            return Err(SettingsError { field, value, expected: "at most 1e6" });
+        }
         if l.longest_edge < l.shortest_edge {
             let expected = "at least planner.lattice.shortest_edge";
             return Err(SettingsError { field: "planner.lattice.longest_edge", value: l.longest_edge, expected });
@@ -161,6 +165,9 @@ impl Settings {
     }
 }
 
+/// Largest weight of a cost term.
+const LARGEST_WEIGHT: f64 = 1e6;
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,6 +196,20 @@ mod tests {
         let mut wrong = Settings::default();
         wrong.run.replan_interval = 1e-9;
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
+    }
+
+    #[test]
+    fn every_weight_is_checked() {
+        for (name, _) in crate::lattice::Weights::default().named() {
+            for wrong in ["-0.001", "nan", "inf", "1.1e6"] {
+                let (table, key) = name.rsplit_once('.').unwrap();
+                let settings: Settings = toml::from_str(&format!("[{table}]\n{key} = {wrong}")).unwrap();
+                assert_eq!(settings.validate().map_err(|e| e.field), Err(name), "{name} = {wrong}");
+            }
+            let (table, key) = name.rsplit_once('.').unwrap();
+            let off: Settings = toml::from_str(&format!("[{table}]\n{key} = 0.0")).unwrap();
+            assert_eq!(off.validate(), Ok(()), "{name} = 0 switches a term off");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! One lattice path with the speed layer on it: bounds, blocked intervals, SafeTLP.
 
 use super::goal::GoalOnLane;
+use super::record::Rejection;
 use super::settings::Settings;
 use crate::collision::{Blocker, CollisionWorld};
 use crate::lattice::LatticePath;
@@ -65,25 +66,25 @@ pub(super) struct Proven {
 /// The speed layer's answer for one path.
 pub(super) enum Evaluation {
     Proven(Box<Proven>),
-    Rejected { code: &'static str, expansions: usize },
+    Rejected { why: Rejection, expansions: usize },
 }
 
 impl Situation<'_> {
     /// Searches the speed along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
         if self.is_too_sharp(path) {
-            return Evaluation::Rejected { code: "too_sharp", expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::TooSharp, expansions: 0 };
         }
         let Some((mut problem, blocked)) = self.speed_problem(path) else {
-            return Evaluation::Rejected { code: "no_room", expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::NoRoom, expansions: 0 };
         };
         let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         match plan(&problem, &resolution) {
             SpeedOutcome::NoSafePlan { expansions, budget_spent } => {
-                let code = if budget_spent { "no_proof_in_budget" } else { "no_proof" };
-                Evaluation::Rejected { code, expansions }
+                let why = if budget_spent { Rejection::NoProofInBudget } else { Rejection::NoProof };
+                Evaluation::Rejected { why, expansions }
             }
             SpeedOutcome::Proven(mut plan) => {
                 let expansions = plan.expansions;
@@ -97,7 +98,7 @@ impl Situation<'_> {
                     Some((searched, progress)) => {
                         Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, progress, plan, blocked }))
                     }
-                    None => Evaluation::Rejected { code: "no_profile", expansions },
+                    None => Evaluation::Rejected { why: Rejection::NoProfile, expansions },
                 }
             }
         }

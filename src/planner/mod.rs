@@ -5,23 +5,27 @@
 //! lets SafeTLP search the speed on them and commits to the best pair of path and speed **whose stop is proven**. If
 //! there is none, the last proven plan goes on to its stop.
 //!
+//! When the plan in force is left for another is one rule, in `hysteresis`.
+//!
 //! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
 //! margins, then with harder braking. Each plan says which it needed.
 
 mod candidate;
 mod goal;
+mod hysteresis;
 mod lanes;
 mod record;
 mod refinement;
 mod settings;
 
 pub use goal::GoalOnLane;
-pub use record::{Candidate, Cycle, Decision, StageSeconds};
+pub use record::{Candidate, Cycle, Decision, Rejection, StageSeconds};
 pub use settings::{EmergencyLimits, Settings};
 
 use std::time::Instant;
 
 use self::candidate::{Evaluation, Proven, Situation};
+use self::hysteresis::InForce;
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
@@ -157,8 +161,12 @@ impl<'a> Planner<'a> {
         let start = self.start(state);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
-        let choice = self.rungs().into_iter().find_map(|rung| Some((rung, self.choose(&start, rung, &mut record)?)));
-        let (decision, blocked) = match choice.filter(|(_, choice)| !self.is_settled(&start, choice)) {
+        let rungs = self.rungs();
+        let choice = rungs.iter().enumerate().find_map(|(attempt, rung)| {
+            record.attempt = attempt;
+            Some((*rung, self.choose(&start, *rung, &mut record)?))
+        });
+        let (decision, blocked) = match choice.filter(|(_, c)| self.is_worth_taking(&start, c, &mut record)) {
             Some((rung, choice)) => {
                 let choice = self.refined(&start, rung, choice, &mut record);
                 record.is_refined = choice.is_refined;
@@ -316,7 +324,7 @@ impl<'a> Planner<'a> {
         let world = &self.worlds[rung.world];
         let roots = self.roots(start, world);
         let weights = self.settings.lattice.weights;
-        let committed = self.committed.as_ref().filter(|_| start.on_plan);
+        let in_force = in_force(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
         let ground = ground(self.vehicle, &lane.reference, world);
         // a lane change that the goal needs gets dearer to put off as its time runs out
@@ -333,10 +341,8 @@ impl<'a> Planner<'a> {
             counts.add(&found.counts);
             for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
-                if let Some(committed) = committed {
-                    let committed = &committed.trajectory.path;
-                    path.terms.switching =
-                        refinement::commitment(committed, start.point.station, &path.path, &weights).cost(&path.path);
+                if let Some(in_force) = &in_force {
+                    path.terms.switching = weights.switching * in_force.departure(&path.path);
                 }
                 all.push(path);
             }
@@ -349,11 +355,9 @@ impl<'a> Planner<'a> {
         let p = &start.point;
         let allowance = allowance_at(world, p);
         let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
-        let kept = self.committed.as_ref().filter(|_| start.on_plan).and_then(|c| rest_of_edge(&c.trajectory, p));
-        let kept = kept.map(|spiral| {
-            let end = spiral.point_at(&p.pose, spiral.length);
-            Root { pose: end.pose, curvature: end.curvature, kept: vec![spiral], start: p.pose, allowance }
-        });
+        let kept = in_force(self.committed.as_ref(), start).and_then(|plan| plan.kept());
+        let kept =
+            kept.map(|(end, kept)| Root { pose: end.pose, curvature: end.curvature, kept, start: p.pose, allowance });
         kept.into_iter().chain([fresh]).collect()
     }
 
@@ -370,32 +374,35 @@ impl<'a> Planner<'a> {
         let situation = self.situation(start, on, rung);
         let free = situation.free_progress();
         for path in found {
-            let mut note =
-                Candidate { path: path.path.clone(), cost: path.terms.total(), terms: path.terms, rejected: None };
+            let mut note = Candidate {
+                path: path.path.clone(),
+                lane,
+                attempt: record.attempt,
+                cost: path.terms.total(),
+                terms: path.terms,
+                rejected: None,
+            };
             if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(note.cost)) {
-                note.rejected = Some("dearer");
+                note.rejected = Some(Rejection::Dearer);
             } else {
                 match situation.evaluate(&path) {
-                    Evaluation::Rejected { code, expansions } => {
+                    Evaluation::Rejected { why, expansions } => {
                         record.expansions += expansions;
-                        note.rejected = Some(code);
+                        note.rejected = Some(why);
                     }
                     Evaluation::Proven(proven) => {
                         record.expansions += proven.plan.expansions;
                         note.terms.delay = self.settings.lattice.weights.delay * (free - proven.progress).max(0.0);
                         note.cost = note.terms.total();
                         if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {
-                            *best = Some(Choice {
-                                lane,
-                                candidate: record.candidates.len(),
-                                path,
-                                proven,
-                                deceleration: rung.deceleration,
-                                cost: note.cost,
-                                is_refined: false,
-                            });
+                            let candidate = record.candidates.len();
+                            let (deceleration, cost) = (rung.deceleration, note.cost);
+                            let found = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
+                            if let Some(passed) = best.replace(found) {
+                                record.reject(passed.candidate, Rejection::Dearer);
+                            }
                         } else {
-                            note.rejected = Some("dearer");
+                            note.rejected = Some(Rejection::Dearer);
                         }
                     }
                 }
@@ -435,13 +442,14 @@ impl<'a> Planner<'a> {
         smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings)
     }
 
-    /// Whether the committed plan is in its final approach and the new one would not get farther: then it goes on as it
-    /// is, so that a stop is not re-planned centimetre by centimetre.
-    fn is_settled(&self, start: &Start, choice: &Choice) -> bool {
-        let Some(committed) = self.committed.as_ref().filter(|_| start.on_plan) else { return false };
-        let rest = committed.trajectory.profile.last().station - start.point.station;
-        let gain = choice.proven.searched.last().station - rest;
-        rest < FINAL_APPROACH && gain < WORTH_MOVING
+    /// Whether the plan in force is to be left for the best one found.
+    fn is_worth_taking(&self, start: &Start, choice: &Choice, record: &mut CycleRecord) -> bool {
+        let end = choice.proven.searched.last().station;
+        let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| plan.is_worth_leaving(end));
+        if !worth {
+            record.reject(choice.candidate, Rejection::InForce);
+        }
+        worth
     }
 
     /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
@@ -512,10 +520,6 @@ const EMERGENCY_LATERAL: f64 = 5.0;
 const AT_REST: f64 = 0.02;
 /// Lateral distance from a reference line within which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
-/// Distance to rest within which a stop counts as the final approach, m.
-const FINAL_APPROACH: f64 = 4.0;
-/// Less progress than this is not worth leaving the final approach for, m.
-const WORTH_MOVING: f64 = 1.0;
 
 /// What the collision check overlooks for a vehicle that stands inside a margin or partly off the road.
 fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
@@ -534,25 +538,23 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
     }
 }
 
-/// The rest of the edge of the committed path that the vehicle is on, if it is long enough to be worth keeping.
-fn rest_of_edge(trajectory: &Trajectory, p: &TrajectoryPoint) -> Option<CubicSpiral> {
-    /// Shorter rests are left to the fresh root, m.
-    const WORTH_KEEPING: f64 = 1.0;
-    let (station, _, spiral) = trajectory.path.pieces().take_while(|(s, ..)| *s <= p.station).last()?;
-    let from = p.station - station;
-    (spiral.length - from > WORTH_KEEPING).then(|| spiral.part(from, spiral.length))
-}
-
 /// What the lattice of a lane is built on.
 fn ground<'a>(vehicle: &Vehicle, reference: &'a ReferenceLine, world: &'a CollisionWorld) -> Ground<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
     Ground { reference, world, max_curvature, half_width }
 }
 
+/// The plan in force, if planning starts on it.
+fn in_force<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<InForce<'c>> {
+    committed.filter(|_| start.on_plan).map(|c| InForce::new(&c.trajectory, &start.point))
+}
+
 /// What a cycle collects on its way.
 #[derive(Default)]
 struct CycleRecord {
     candidates: Vec<Candidate>,
+    /// The attempt that is being made.
+    attempt: usize,
     chosen: Option<usize>,
     edges: EdgeCounts,
     expansions: usize,
@@ -560,4 +562,12 @@ struct CycleRecord {
     is_smooth: bool,
     is_refined: bool,
     seconds: StageSeconds,
+}
+
+impl CycleRecord {
+    fn reject(&mut self, candidate: usize, why: Rejection) {
+        if let Some(candidate) = self.candidates.get_mut(candidate) {
+            candidate.rejected = Some(why);
+        }
+    }
 }

@@ -7,10 +7,9 @@
 use std::time::Instant;
 
 use super::candidate::{Evaluation, Proven};
-use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground};
+use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
 use crate::lattice::refine::{Commitment, refined};
-use crate::lattice::{LatticePath, Weights, rank};
-use crate::trajectory::Path;
+use crate::lattice::{LatticePath, rank};
 
 impl Planner<'_> {
     /// The choice with its path refined, where that checks out; else as it is.
@@ -38,10 +37,8 @@ impl Planner<'_> {
         let lane = self.lanes.as_ref().ok().and_then(|lanes| lanes.get(choice.lane))?;
         let world = &self.worlds[rung.world];
         let weights = &self.settings.lattice.weights;
-        let committed = self.committed.as_ref().filter(|_| start.on_plan).map(|c| &c.trajectory.path);
-        let commitment = committed.map_or_else(Commitment::default, |committed| {
-            commitment(committed, start.point.station, &choice.path.path, weights)
-        });
+        let commitment = in_force(self.committed.as_ref(), start)
+            .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.switching));
         let mut path = refined(
             &ground(self.vehicle, &lane.reference, world),
             &choice.path,
@@ -66,12 +63,4 @@ impl Planner<'_> {
             }
         }
     }
-}
-
-/// The committed path at some distances ahead, as far as it and the candidate reach; the mean distance from it there is
-/// what a candidate pays for.
-pub(super) fn commitment(committed: &Path, station: f64, candidate: &Path, weights: &Weights) -> Commitment {
-    const AHEAD: [f64; 4] = [5.0, 10.0, 20.0, 30.0];
-    let compared = AHEAD.iter().filter(|d| station + **d <= committed.length() && **d <= candidate.length());
-    Commitment { poses: compared.map(|d| (*d, committed.at(station + d).pose)).collect(), price: weights.switching }
 }

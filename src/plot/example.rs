@@ -12,7 +12,7 @@ use crate::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part,
     PlanningProblem, RoadNetwork, Scenario, Shape, StopLine, TimedOccupancy, TimedPose,
 };
-use crate::planner::{Candidate, Cycle, Decision, StageSeconds};
+use crate::planner::{Candidate, Cycle, Decision, Rejection, StageSeconds};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
@@ -255,10 +255,12 @@ fn driven_profile() -> SpeedProfile {
 fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     let now = driven.at(time);
     let profile = braking(now.station, 0.8, now.speed.max(0.01), 3.5);
-    let rejections = [None, None, None, Some("collision"), Some("off_road"), Some("curvature")];
+    let rejections = [None, None, None, Some(Rejection::NoRoom), Some(Rejection::NoProof), Some(Rejection::TooSharp)];
     let bends = [0.0185, 0.0150, 0.0215, 0.0030, 0.0400, -0.0200];
     let candidates = bends.iter().zip(rejections).map(|(bend, rejected)| Candidate {
         path: passing(*bend, 15.0),
+        lane: 0,
+        attempt: 0,
         cost: if rejected.is_some() { f64::INFINITY } else { (bend - 0.0185).abs() },
         terms: CostTerms::default(),
         rejected,

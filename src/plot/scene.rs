@@ -9,7 +9,7 @@ use super::svg::{Element, Page, Svg, number};
 use crate::drive::Run;
 use crate::geometry::Point;
 use crate::map::{Cell, Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind, RoadNetwork};
-use crate::planner::Cycle;
+use crate::planner::{Cycle, Rejection};
 
 /// Obstacles' outlines are this far apart in time, s.
 const OBSTACLE_SPACING: f64 = 1.0;
@@ -117,7 +117,7 @@ impl Scene<'_> {
             for candidate in &cycle.candidates {
                 let points: Vec<Point> =
                     candidate.path.sampled(PATH_SPACING).iter().map(|(_, p)| p.pose.position).collect();
-                let line = view.line(&points).with("class", candidate.rejected.unwrap_or("accepted"));
+                let line = view.line(&points).with("class", candidate.rejected.map_or("accepted", Rejection::code));
                 svg.add(&if refusal(candidate).is_some() { line.with("stroke-dasharray", "3 3") } else { line });
             }
         });

@@ -5,7 +5,7 @@
 //! the start (pose and curvature), the end (pose and curvature) and whatever is kept of the committed path stay.
 //!
 //! ```text
-//! minimise    the lattice's own cost: bending energy, offset, lane, clearance, distance from what is committed
+//! minimise    the lattice's own cost: bending energy, offset, lane, clearance, leaving the plan in force
 //! subject to  the end's pose and curvature
 //!             bending energy ≤ the unrefined chain's
 //!             |κ| ≤ κ_max, |dκ/ds| ≤ the largest one of the unrefined chain
@@ -44,8 +44,8 @@ use self::program::{Anchor, Program};
 use super::edges::{Before, COST_SAMPLES, checked, least_terms};
 use super::{CostTerms, Ground, LatticePath, Root, Weights};
 use crate::collision::Allowance;
+use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
-use crate::geometry::{Pose, wrap_angle};
 use crate::trajectory::Path;
 
 /// How the chosen chain of edges is refined.
@@ -68,25 +68,23 @@ impl Default for RefinementSettings {
     }
 }
 
-/// A path that costs to leave: the committed one, at some distances ahead.
+/// A path that costs to leave: the one in force, at some distances ahead.
 #[derive(Debug, Clone, Default)]
 pub struct Commitment {
-    /// Distances from the start of the path (m) with the committed poses there.
+    /// Distances from the start of the path (m) with the poses in force there.
     pub poses: Vec<(f64, Pose)>,
-    /// Price per metre of the mean of |sideways distance| + |difference of headings| at these.
+    /// Price per metre of the largest distance to the side at these.
     pub price: f64,
+    /// Distance beyond which leaving costs no more, m.
+    pub most: f64,
 }
 
 impl Commitment {
     /// What a path pays for leaving it.
     #[must_use]
     pub fn cost(&self, path: &Path) -> f64 {
-        let distance = |(ahead, pose): &(f64, Pose)| {
-            let there = path.at(*ahead).pose;
-            pose.to_local(there.position).y.abs() + wrap_angle(pose.yaw - there.yaw).abs()
-        };
-        let count = self.poses.len().max(1) as f64;
-        self.price * self.poses.iter().map(distance).sum::<f64>() / count
+        let beside = |(ahead, pose): &(f64, Pose)| pose.to_local(path.at(*ahead).pose.position).y.abs();
+        self.price * self.poses.iter().map(beside).fold(0.0, f64::max).min(self.most)
     }
 }
 
@@ -259,11 +257,10 @@ impl<'a> Stage<'a> {
         if !corridor.iter().flatten().any(is_open) {
             return None;
         }
-        let price = self.commitment.price / self.commitment.poses.len().max(1) as f64;
         let anchor = |(ahead, pose): &(f64, Pose)| {
             let along = ahead - self.kept_length();
             let pose = Pose { position: self.frame.to_local(pose.position), yaw: pose.yaw - self.frame.yaw };
-            (along > 0.0 && along < original.length()).then_some(Anchor { along, pose, price })
+            (along > 0.0 && along < original.length()).then_some(Anchor { along, pose })
         };
         Some(Program {
             ground: self.ground,
@@ -275,6 +272,7 @@ impl<'a> Stage<'a> {
             bending_energy: original.bending_energy(),
             corridor,
             anchors: self.commitment.poses.iter().filter_map(anchor).collect(),
+            leaving: self.commitment.price,
         })
     }
 

@@ -29,8 +29,10 @@ pub(super) struct Program<'a> {
     pub(super) bending_energy: f64,
     /// Samples of the original chain, and the room around them.
     pub(super) corridor: Vec<Vec<(Sample, Room)>>,
-    /// Lateral poses that cost by the metre to leave: see [`Anchor`].
+    /// Places beside which it costs to pass.
     pub(super) anchors: Vec<Anchor>,
+    /// Price per metre of the largest distance to the side of them.
+    pub(super) leaving: f64,
 }
 
 /// A place beside which it costs to pass: the committed path some way ahead.
@@ -40,8 +42,6 @@ pub(super) struct Anchor {
     pub(super) along: f64,
     /// The pose that it is compared with, in the chain's frame.
     pub(super) pose: Pose,
-    /// Price per metre to the side and per radian of heading.
-    pub(super) price: f64,
 }
 
 /// Largest relative change of a length in one iteration.
@@ -349,8 +349,13 @@ impl Builder<'_> {
         about
     }
 
-    /// Distance from what is committed, at the samples next to the places compared.
+    /// The largest distance beside the plan in force, at the samples next to the places compared.
     fn add_anchors(&mut self, samples: &[Vec<Sample>]) {
+        if self.fixed.anchors.is_empty() {
+            return;
+        }
+        let largest = self.program.add_variable();
+        self.program.add_linear(largest, self.fixed.leaving);
         for anchor in &self.fixed.anchors {
             let mut begins = 0.0;
             let piece = self.chain.lengths.iter().position(|length| {
@@ -365,25 +370,14 @@ impl Builder<'_> {
             let s = samples[i][nearest];
             // from the sample to the place compared it goes straight on, near enough
             let ahead = (u - s.u) * length;
-            let place = s.pose.advanced(ahead).position;
-            let side = self.moved(i, &s, anchor.pose.left(), ahead);
-            self.add_distance(side, anchor.pose.to_local(place).y, anchor.price);
-            let heading = self.turned(i, &s);
-            let off = crate::geometry::wrap_angle(
-                s.pose.yaw + ahead * self.chain.spiral(i).curvature(s.u * length) - anchor.pose.yaw,
-            );
-            self.add_distance(heading, off, anchor.price);
-        }
-    }
-
-    /// Adds price · |now + terms|.
-    fn add_distance(&mut self, terms: Vec<Term>, now: f64, price: f64) {
-        let distance = self.program.add_variable();
-        self.program.add_linear(distance, price);
-        for side in [1.0, -1.0] {
-            let mut row: Vec<Term> = terms.iter().map(|(variable, by)| (*variable, -side * by)).collect();
-            row.push((distance, 1.0));
-            self.program.between(side * now, &row, f64::INFINITY);
+            let now = anchor.pose.to_local(s.pose.advanced(ahead).position).y;
+            let moved = self.moved(i, &s, anchor.pose.left(), ahead);
+            // largest ≥ ±(now + moved)
+            for side in [1.0, -1.0] {
+                let mut row: Vec<Term> = moved.iter().map(|(variable, by)| (*variable, -side * by)).collect();
+                row.push((largest, 1.0));
+                self.program.between(side * now, &row, f64::INFINITY);
+            }
         }
     }
 }
