@@ -492,27 +492,24 @@ mod tests {
             shares[j] += b * h;
             at(shares)
         };
-        let mut convex = true;
         let mut differences = [[0.0; K]; K];
-        for i in 0..model.variables {
+        for (i, row) in differences.iter_mut().enumerate().take(model.variables) {
             let slope = (along(i, 1.0, i, 0.0) - along(i, -1.0, i, 0.0)) / (2.0 * h);
             let scale = 1.0 + model.hessian[i][i];
             assert!((slope - model.gradient[i]).abs() < 1e-3 * scale, "{slope} {}", model.gradient[i]);
-            for j in 0..model.variables {
-                let corners =
-                    along(i, 1.0, j, 1.0) - along(i, 1.0, j, -1.0) - along(i, -1.0, j, 1.0) + along(i, -1.0, j, -1.0);
-                differences[i][j] = corners / (4.0 * h * h);
+            for (j, difference) in row.iter_mut().enumerate().take(model.variables) {
+                let equal = along(i, 1.0, j, 1.0) + along(i, -1.0, j, -1.0);
+                let opposite = along(i, 1.0, j, -1.0) + along(i, -1.0, j, 1.0);
+                *difference = (equal - opposite) / (4.0 * h * h);
             }
         }
-        convex &= cholesky(&differences, model.variables).is_some();
         // what is not convex is made so: then there is nothing to compare
-        if convex {
-            for i in 0..model.variables {
-                for j in 0..model.variables {
-                    let scale = 1.0 + model.hessian[i][i].max(model.hessian[j][j]);
-                    let off = (differences[i][j] - model.hessian[i][j]).abs();
-                    assert!(off < 2e-2 * scale, "{i} {j}: {} {}", differences[i][j], model.hessian[i][j]);
-                }
+        let convex = cholesky(&differences, model.variables).is_some();
+        for (i, row) in differences.iter().enumerate().take(if convex { model.variables } else { 0 }) {
+            for (j, difference) in row.iter().enumerate().take(model.variables) {
+                let scale = 1.0 + model.hessian[i][i].max(model.hessian[j][j]);
+                let off = (difference - model.hessian[i][j]).abs();
+                assert!(off < 2e-2 * scale, "{i} {j}: {difference} {}", model.hessian[i][j]);
             }
         }
         convex
