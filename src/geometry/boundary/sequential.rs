@@ -90,7 +90,14 @@ impl<const K: usize> Run<K> {
     fn search(&mut self) -> (Status, Place<K>) {
         let mut best: Option<(Status, Measured<K>)> = None;
         let mut unrestored = None;
-        for start in self.starts().into_iter().flatten() {
+        let (first, second) = self.starts();
+        for attempt in 0..3 {
+            let start = match attempt {
+                0 => Some(first),
+                1 => self.cubic(),
+                _ => second,
+            };
+            let Some(start) = start else { continue };
             let (place, restored) = self.scaled.restore(&start);
             if !restored {
                 unrestored.get_or_insert(place);
@@ -154,27 +161,27 @@ impl<const K: usize> Run<K> {
         Measured { objective: self.scaled.objective(&place), beyond: self.scaled.beyond(&place.jet.spiral), place }
     }
 
-    /// Where to start: from Newton's root and from a tamer spiral, the one that breaks the bounds less first; a quintic
-    /// that would break them first of all from the cubic that does not.
-    fn starts(&mut self) -> [Option<Spiral<K>>; 3] {
+    /// Where to start: from Newton's root and from a tamer spiral, the one that breaks the bounds less first.
+    fn starts(&self) -> (Spiral<K>, Option<Spiral<K>>) {
         let scaled = &self.scaled;
         let target = self.shifted_target();
         let newton = connect(scaled.start_curvature, &target, scaled.end_curvature).ok();
+        let tame = drawn(&self.tame(newton, &target));
+        let Some(root) = newton.map(|cubic| drawn(&cubic)).filter(|root| *root != tame) else { return (tame, None) };
         let worst = |spiral: &Spiral<K>| scaled.beyond(spiral).iter().fold(0.0, |m: f64, b| m.max(*b));
-        let tame = || drawn(&self.tame(newton, &target));
         let restored = |spiral: &Spiral<K>| scaled.restored(spiral).map_or(f64::INFINITY, |p| worst(&p.jet.spiral));
-        let (first, second) = match newton.map(|cubic| drawn(&cubic)) {
-            None => (tame(), None),
-            Some(root) if worst(&root) < WILD - 1.0 || restored(&tame()) >= worst(&root) => (root, Some(tame())),
-            Some(root) => (tame(), Some(root)),
-        };
-        let breaks = worst(&first) > 0.0;
-        let cubic = if K > 4 && breaks { self.cubic() } else { None };
-        [cubic, Some(first), second]
+        if worst(&root) < WILD - 1.0 || restored(&tame) >= worst(&root) {
+            (root, Some(tame))
+        } else {
+            (tame, Some(root))
+        }
     }
 
-    /// The cubic that solves the problem.
+    /// The cubic that solves the problem of a quintic: within the bounds, if more bent than it must be.
     fn cubic(&mut self) -> Option<Spiral<K>> {
+        if K <= 4 {
+            return None;
+        }
         let mut run = Run::new(self.scaled.with_knots::<4>());
         let (status, place) = run.search();
         self.iterations += run.iterations;
