@@ -90,7 +90,14 @@ impl<const K: usize> Run<K> {
     fn search(&mut self) -> (Status, Place<K>) {
         let mut best: Option<(Status, Measured<K>)> = None;
         let mut unrestored = None;
-        for start in self.starts().into_iter().flatten() {
+        let (first, second) = self.starts();
+        for attempt in 0..3 {
+            let start = match attempt {
+                0 => Some(first),
+                1 => self.cubic(),
+                _ => second,
+            };
+            let Some(start) = start else { continue };
             let (place, restored) = self.scaled.restore(&start);
             if !restored {
                 unrestored.get_or_insert(place);
@@ -154,27 +161,27 @@ impl<const K: usize> Run<K> {
         Measured { objective: self.scaled.objective(&place), beyond: self.scaled.beyond(&place.jet.spiral), place }
     }
 
-    /// Where to start: from Newton's root and from a tamer spiral, the one that breaks the bounds less first; a quintic
-    /// that would break them first of all from the cubic that does not.
-    fn starts(&mut self) -> [Option<Spiral<K>>; 3] {
+    /// Where to start: from Newton's root and from a tamer spiral, the one that breaks the bounds less first.
+    fn starts(&self) -> (Spiral<K>, Option<Spiral<K>>) {
         let scaled = &self.scaled;
         let target = self.shifted_target();
         let newton = connect(scaled.start_curvature, &target, scaled.end_curvature).ok();
+        let tame = drawn(&self.tame(newton, &target));
+        let Some(root) = newton.map(|cubic| drawn(&cubic)).filter(|root| *root != tame) else { return (tame, None) };
         let worst = |spiral: &Spiral<K>| scaled.beyond(spiral).iter().fold(0.0, |m: f64, b| m.max(*b));
-        let tame = || drawn(&self.tame(newton, &target));
         let restored = |spiral: &Spiral<K>| scaled.restored(spiral).map_or(f64::INFINITY, |p| worst(&p.jet.spiral));
-        let (first, second) = match newton.map(|cubic| drawn(&cubic)) {
-            None => (tame(), None),
-            Some(root) if worst(&root) < WILD - 1.0 || restored(&tame()) >= worst(&root) => (root, Some(tame())),
-            Some(root) => (tame(), Some(root)),
-        };
-        let breaks = worst(&first) > 0.0;
-        let cubic = if K > 4 && breaks { self.cubic() } else { None };
-        [cubic, Some(first), second]
+        if worst(&root) < WILD - 1.0 || restored(&tame) >= worst(&root) {
+            (root, Some(tame))
+        } else {
+            (tame, Some(root))
+        }
     }
 
-    /// The cubic that solves the problem.
+    /// The cubic that solves the problem of a quintic: within the bounds, if more bent than it must be.
     fn cubic(&mut self) -> Option<Spiral<K>> {
+        if K <= 4 {
+            return None;
+        }
         let mut run = Run::new(self.scaled.with_knots::<4>());
         let (status, place) = run.search();
         self.iterations += run.iterations;
@@ -492,27 +499,24 @@ mod tests {
             shares[j] += b * h;
             at(shares)
         };
-        let mut convex = true;
         let mut differences = [[0.0; K]; K];
-        for i in 0..model.variables {
+        for (i, row) in differences.iter_mut().enumerate().take(model.variables) {
             let slope = (along(i, 1.0, i, 0.0) - along(i, -1.0, i, 0.0)) / (2.0 * h);
             let scale = 1.0 + model.hessian[i][i];
             assert!((slope - model.gradient[i]).abs() < 1e-3 * scale, "{slope} {}", model.gradient[i]);
-            for j in 0..model.variables {
-                let corners =
-                    along(i, 1.0, j, 1.0) - along(i, 1.0, j, -1.0) - along(i, -1.0, j, 1.0) + along(i, -1.0, j, -1.0);
-                differences[i][j] = corners / (4.0 * h * h);
+            for (j, difference) in row.iter_mut().enumerate().take(model.variables) {
+                let equal = along(i, 1.0, j, 1.0) + along(i, -1.0, j, -1.0);
+                let opposite = along(i, 1.0, j, -1.0) + along(i, -1.0, j, 1.0);
+                *difference = (equal - opposite) / (4.0 * h * h);
             }
         }
-        convex &= cholesky(&differences, model.variables).is_some();
         // what is not convex is made so: then there is nothing to compare
-        if convex {
-            for i in 0..model.variables {
-                for j in 0..model.variables {
-                    let scale = 1.0 + model.hessian[i][i].max(model.hessian[j][j]);
-                    let off = (differences[i][j] - model.hessian[i][j]).abs();
-                    assert!(off < 2e-2 * scale, "{i} {j}: {} {}", differences[i][j], model.hessian[i][j]);
-                }
+        let convex = cholesky(&differences, model.variables).is_some();
+        for (i, row) in differences.iter().enumerate().take(if convex { model.variables } else { 0 }) {
+            for (j, difference) in row.iter().enumerate().take(model.variables) {
+                let scale = 1.0 + model.hessian[i][i].max(model.hessian[j][j]);
+                let off = (difference - model.hessian[i][j]).abs();
+                assert!(off < 2e-2 * scale, "{i} {j}: {difference} {}", model.hessian[i][j]);
             }
         }
         convex

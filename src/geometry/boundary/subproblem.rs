@@ -164,7 +164,11 @@ impl<const K: usize> Model<'_, K> {
         if let Some(t) = assembly.elastic {
             assembly.program.between(0.0, &[(t, 1.0)], f64::INFINITY);
         }
-        let solution = assembly.program.solve_tuned(Tuning::Small);
+        let mut solution = assembly.program.solve_tuned(Tuning::Small);
+        if !solution.is_usable() && solution.status != Status::Infeasible {
+            // heavy weights beside light ones: the solver's own scaling may help
+            solution = assembly.program.solve();
+        }
         if !solution.is_usable() {
             debug_assert!(solution.status != Status::Unbounded, "the trust region bounds every variable");
             return None;
