@@ -23,7 +23,7 @@
 //! the chain that went in. The same gate makes refinement idempotent: a chain that would gain less than
 //! [`RefinementSettings::least_gain`] comes back as it was, to the bit.
 //!
-//! Weak: a local method, inside a corridor of half a metre by default, which it may leave by up to a decimetre, because
+//! Weak: a local method, inside a corridor of half a metre by default, which it may leave by some centimetres, because
 //! positions are linearised (what is in the way is checked without that). It passes an obstacle on the side on which the
 //! lattice passes it. Joints slide along the path only slowly, so that the best lengths are not quite found. Clearance is
 //! linearised by probes at the original poses. Where the chain is blocked, its last edge, which ends in front of the

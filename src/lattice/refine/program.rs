@@ -272,10 +272,11 @@ impl Builder<'_> {
             }
             for ahead in [Some(0.0), narrow.then_some(self.fixed.front)].into_iter().flatten() {
                 let now = displaced(s, original, ahead);
-                // rounding must not make a chain infeasible that touches its corridor
-                let (least, most) = ((-room.right).min(now), room.left.max(now));
+                // what the last linearisation missed is asked back, as far as this one is trusted
+                let (least, most) =
+                    ((-room.right - now).clamp(-radius, radius), (room.left - now).clamp(-radius, radius));
                 let terms = self.moved(i, s, original.pose.left(), ahead);
-                self.program.between((least - now).max(-radius), &terms, (most - now).min(radius));
+                self.program.between(least, &terms, most);
             }
         }
     }

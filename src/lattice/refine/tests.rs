@@ -215,7 +215,7 @@ fn every_pose_keeps_its_margins_and_the_corridor() {
                 assert_eq!(ground.world.static_hit(&here), None, "at {:?}", point.pose);
                 // the linearisation misses some centimetres
                 let offset = line.project(point.pose.position).offset;
-                assert!(offset.abs() < limit + 0.1, "{offset} of {limit} at {:?}", point.pose);
+                assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
             }
         });
     }
