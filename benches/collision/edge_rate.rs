@@ -134,10 +134,9 @@ pub(crate) fn print() {
     }
     let n = spirals.len();
     println!(
-        "edge_rate: {n} lattice edges of {:.1} m on average, {:.0} % free, against {OBSTACLES} obstacles and {} m of road",
+        "edge_rate: {n} lattice edges of {:.1} m on average, {:.0} % free, against {OBSTACLES} obstacles and 250 m of road",
         length / n as f64,
         100.0 * free as f64 / n as f64,
-        250,
     );
     let solving = rate(&problems, |p| {
         black_box(solve(p));
@@ -162,12 +161,6 @@ pub(crate) fn print() {
     let line = |name: &str, flat: f64, coarse: f64| {
         println!("  {name:<25} {coarse:>10.0} edges/s   flat {flat:>8.0}   ratio {:.1}", coarse / flat);
     };
-    if std::env::var_os("PROFILE").is_some() {
-        for _ in 0..10 {
-            each(if std::env::var_os("COST").is_some() { &coarse_cost } else { &coarse });
-        }
-        return;
-    }
     line("check only", each(&flat), each(&coarse));
     line("solve and check", both(&flat), both(&coarse));
     line("check and clearance", each(&flat_cost), each(&coarse_cost));

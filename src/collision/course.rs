@@ -71,14 +71,19 @@ impl Stretch {
 
     /// From its start to its end, in the frame of its start, m. `halvings` bounds the work for absurd curvature.
     fn chord(&self, halvings: u32) -> Local {
-        /// Turning (rad) up to which each rule keeps to 1e-9 of the length, cubic curvature included: tested.
-        const THREE: f64 = 0.12;
-        const FIVE: f64 = 0.25;
+        /// Turning, and of it what is not by curvature that grows evenly (rad), up to which three points err by less than
+        /// 2e-9 of the length: the square of the latter meets the rule's first inexact power.
+        const THREE: (f64, f64) = (0.1, 0.01);
+        /// The same for five points.
+        const FIVE: (f64, f64) = (0.25, 0.2);
+        /// Turning up to which eight points do, for any cubic.
         const EIGHT: f64 = 0.6;
         let turning = self.length * self.bounds().0;
-        if turning <= THREE {
+        let uneven = self.length * (self.powers[2].abs() + self.powers[3].abs());
+        let within = |(most, most_uneven): (f64, f64)| turning <= most && uneven <= most_uneven;
+        if within(THREE) {
             self.rule(&GAUSS_3)
-        } else if turning <= FIVE {
+        } else if within(FIVE) {
             self.rule(&GAUSS_5)
         } else if turning <= EIGHT || halvings == 0 {
             self.rule(&GAUSS_8)

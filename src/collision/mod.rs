@@ -1,7 +1,8 @@
 //! Where the vehicle can't be, and when: swept footprints against the road's edge, static and moving obstacles.
 //!
 //! **What it answers.** For an edge of the lattice: the first station at which the swept footprint meets something
-//! static or leaves the road ([`CollisionWorld::static_hit`]), and how far it stays away ([`CollisionWorld::clearance`]).
+//! static or leaves the road ([`CollisionWorld::static_hit`]), and how far it stays away ([`CollisionWorld::clearance`]);
+//! both without a sweep, coarse to fine, by [`CollisionWorld::probe`], which is what thousands of candidates need.
 //! For a chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
 //! For the start: what it already overlaps ([`CollisionWorld::start_overlap`]).
 //!

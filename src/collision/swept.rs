@@ -1,7 +1,7 @@
 //! The conservative swept footprint of a vehicle along a spiral or a path.
 //!
 //! # Technique
-//! Each spiral is cut into cells of equal length, [`CollisionSettings::spacing`] at most ([`super::course`]). A cell's footprint is the convex
+//! Each spiral is cut into cells of equal length, [`CollisionSettings::spacing`] at most (`course`). A cell's footprint is the convex
 //! hull of the vehicle's rectangle at its two ends, each rectangle grown by ε on every side. As the hull of two
 //! rectangles grown by a disc is the hull of the grown rectangles, this contains everything within ε of the hull.
 //!

@@ -20,6 +20,9 @@ const WIDE: usize = 4;
 /// Marks an index as that of a leaf.
 const LEAF: u32 = 1 << 31;
 
+/// A box with its number.
+type Item = (Aabb, u32);
+
 /// Boxes in a hierarchy; leaves are numbered in the order in which they were given.
 #[derive(Debug, Clone)]
 pub(super) struct WideTree {
@@ -93,7 +96,7 @@ impl WideTree {
     /// Over boxes with finite coordinates.
     pub(super) fn new(boxes: impl Iterator<Item = Aabb>) -> Self {
         #[allow(clippy::cast_possible_truncation)] // there are not 2³¹ pieces
-        let mut items: Vec<(Aabb, u32)> = boxes.enumerate().map(|(i, aabb)| (aabb, i as u32)).collect();
+        let mut items: Vec<Item> = boxes.enumerate().map(|(i, aabb)| (aabb, i as u32)).collect();
         let extent = items.iter().fold(0.0, |m: f64, (b, _)| m.max(b.mins.abs().max(b.maxs.abs()).max_element()));
         let mut tree = Self { nodes: Vec::with_capacity(items.len() / 2 + 1), extent };
         if !items.is_empty() {
@@ -103,7 +106,7 @@ impl WideTree {
     }
 
     /// Index of the node over the items.
-    fn build(&mut self, items: &mut [(Aabb, u32)]) -> u32 {
+    fn build(&mut self, items: &mut [Item]) -> u32 {
         let mut node = Node::EMPTY;
         let (low, high) = halved(items);
         let ((a, b), (c, d)) = (halved(low), halved(high));
@@ -193,15 +196,15 @@ impl Query {
 }
 
 /// The items below and above the median along the axis in which their middles spread most.
-fn halved(items: &mut [(Aabb, u32)]) -> (&mut [(Aabb, u32)], &mut [(Aabb, u32)]) {
+fn halved(items: &mut [Item]) -> (&mut [Item], &mut [Item]) {
     if items.len() < 2 {
         return items.split_at_mut(items.len());
     }
-    let middle = |(aabb, _): &(Aabb, u32)| aabb.mins + aabb.maxs;
+    let middle = |(aabb, _): &Item| aabb.mins + aabb.maxs;
     let first = (Local::INFINITY, Local::NEG_INFINITY);
     let (low, high) = items.iter().map(middle).fold(first, |(low, high), m| (low.min(m), high.max(m)));
     let across = high - low;
-    let key = |item: &(Aabb, u32)| if across.x >= across.y { middle(item).x } else { middle(item).y };
+    let key = |item: &Item| if across.x >= across.y { middle(item).x } else { middle(item).y };
     let half = items.len() / 2;
     items.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.1.cmp(&b.1)));
     items.split_at_mut(half)

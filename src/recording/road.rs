@@ -44,7 +44,7 @@ fn log_occupied_cells(context: &Context) -> Result<(), RecordingError> {
     let region = context.action.grown(SURFACE_MARGIN);
     let blocks = grid.blocks(|cell| cell == Cell::Occupied);
     let near = blocks.iter().map(|b| grid.corners(b)).filter(|corners| region.shows(corners));
-    let outlines = near.map(|[a, b, c, d]| context.line(&[a, b, c, d, a])).collect();
+    let outlines = near.map(|corners| context.ring(&corners)).collect();
     context.log_static("map/occupancy", &strips(outlines, style::STATIC.1, pixels(0.8), order::OBSTACLE_EDGES))
 }
 
