@@ -208,7 +208,7 @@ const SLIDES_WITHIN: f64 = 1.0;
 /// A spiral this many times longer than its chord winds: not an edge.
 const LONGEST_DETOUR: f64 = 1.5;
 /// Offsets beyond this cost no more (m): on the way from another lane they say nothing about the path.
-pub(super) const OFFSET_SATURATES: f64 = 2.0;
+pub(crate) const OFFSET_SATURATES: f64 = 2.0;
 /// The road's edge costs like an obstacle that is this much farther away (m): lanes are narrow by design.
 const ROAD_IS_KINDER: f64 = 0.5;
 

@@ -24,6 +24,7 @@ mod store;
 
 pub use cost::{CostTerms, Weights, rank};
 pub use counts::EdgeCounts;
+pub(crate) use edges::OFFSET_SATURATES;
 pub use store::EdgeStore;
 
 use std::sync::Arc;

@@ -2,14 +2,20 @@
 //!
 //! Only the chosen path is refined: which one is chosen stays the lattice's decision, so that refinement brings no
 //! flicker of its own. It is committed in the place of the lattice's own if its stop is proven on the same rung and its
-//! total cost, the delay of its own speed search included, is not greater.
+//! total cost, the delay of its own speed search included, is not greater, and it gets no less far.
+//!
+//! On the way from another lane nothing is refined: offsets beyond [`OFFSET_SATURATES`] all cost the same, so the costs
+//! do not see when the change of lanes happens, and refining it in every cycle would put it off in every cycle.
 
 use std::time::Instant;
 
 use super::candidate::{Evaluation, Proven};
 use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
 use crate::lattice::refine::{Commitment, refined};
-use crate::lattice::{LatticePath, rank};
+use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
+
+/// A plan that falls behind by less than this is as fast, m.
+const ON_TIME: f64 = 0.01;
 
 impl Planner<'_> {
     /// The choice with its path refined, where that checks out; else as it is.
@@ -35,6 +41,9 @@ impl Planner<'_> {
             return None;
         }
         let lane = self.lanes.as_ref().ok().and_then(|lanes| lanes.get(choice.lane))?;
+        if lane.reference.project(start.point.pose.position).l.abs() > OFFSET_SATURATES {
+            return None;
+        }
         let world = &self.worlds[rung.world];
         let weights = &self.settings.lattice.weights;
         let commitment = in_force(self.committed.as_ref(), start)
@@ -59,7 +68,8 @@ impl Planner<'_> {
                 record.expansions += proven.plan.expansions;
                 let delay = weights.delay * (situation.free_progress() - proven.progress).max(0.0);
                 let cost = path.terms.total() + delay;
-                (rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
+                let is_slower = proven.progress + ON_TIME < choice.proven.progress;
+                (!is_slower && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
             }
         }
     }
