@@ -4,7 +4,7 @@
 //! quintic) and by its length L: well conditioned, and the bending energy is a quadratic form in the knots (Kelly & Nagy
 //! 2003; McNaughton 2011). Heading is the exact integral of the curvature polynomial; position is its Fresnel-like
 //! integral, by Gauss–Legendre quadrature with as many panels as the turning asks for. Extrema of the curvature and of
-//! its rate are roots of polynomials of degree four at most ([`polynomial`]).
+//! its rate are roots of polynomials of degree four at most.
 //!
 //! - [`connect`] finds the cubic between two poses with given curvatures at both ends (Newton's method).
 //! - [`super::boundary`] finds the least bent cubic or quintic under end conditions that leave something to optimise, and
