@@ -249,7 +249,7 @@ fn the_rig_touches_what_a_blind_plan_runs_into_and_only_that() {
 /// Refinement is not for the looks: the vehicle turns the wheel less, and every refined plan carries its own proof.
 #[test]
 fn refined_plans_are_proven_and_what_is_driven_bends_less() {
-    let scenario = bundled("slalom");
+    let scenario = bundled("parked_car");
     let with = |enabled| {
         let mut settings = Settings::default();
         settings.planner.refinement.enabled = enabled;

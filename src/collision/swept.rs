@@ -42,7 +42,7 @@ use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
 /// Added to every footprint, m: covers the rounding of the overlap tests and the quadrature error of the spiral's
-/// position, both below 1e-8 m, and touching counts as overlap.
+/// position, both below 1e-7 m, and touching counts as overlap.
 pub(super) const SKIN: f64 = 1e-6;
 
 /// Distances kept from obstacles, in the vehicle's own directions, m.

@@ -12,8 +12,8 @@
 //!             rear axle and front within the corridor at every sample
 //! ```
 //!
-//! The objective is the lattice's and not bending energy alone, because that alone would leave the reference line as far
-//! as the corridor lets it. What is cheaper here is cheaper there, by the same code: refinement trades none of the
+//! The objective is the lattice's with bending made dearer, and not bending energy alone, because that alone would leave
+//! the reference line as far as the corridor lets it. What is cheaper here is cheaper there, by the same code: refinement trades none of the
 //! lattice's preferences away.
 //!
 //! Technique: sequential convex programming (Clarabel) with a radius of trust on the sideways displacement; positions
@@ -88,6 +88,10 @@ impl Commitment {
     }
 }
 
+/// How much dearer bending is in the programs than in the lattice. Their step is taken only if it costs less by the
+/// lattice's own weights; within that, leaning to the less bent of two paths makes a swerve long and early, where the
+/// lattice's weights alone put it off a little in every cycle.
+const EMPHASIS: f64 = 2.0;
 /// Costs gain at least this, in the unit of all costs (m of detour): nobody would notice less.
 const LEAST_GAIN: f64 = 0.01;
 /// Once a step gains less than this share of what would be worth a new path, the next is not worth its time.
@@ -264,7 +268,7 @@ impl<'a> Stage<'a> {
         };
         Some(Program {
             ground: self.ground,
-            weights: self.weights,
+            weights: Weights { bending: EMPHASIS * self.weights.bending, ..*self.weights },
             frame: self.frame,
             front,
             max_curvature: self.ground.max_curvature.max(original.max_abs_curvature()),
@@ -328,7 +332,10 @@ impl<'a> Stage<'a> {
         let kept = self.before.sweeps.len().min(sweeps.len());
         let behind = sweeps.iter().skip(kept + self.movable.len()).cloned();
         Some(LatticePath {
-            free_length: self.path.free_length + path.length() - self.path.path.length(),
+            free_length: match self.path.blocked_by {
+                None => path.length(),
+                Some(_) => self.path.free_length + path.length() - self.path.path.length(),
+            },
             path,
             sweeps: sweeps[..kept].iter().cloned().chain(swept).chain(behind).collect(),
             terms,

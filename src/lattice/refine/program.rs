@@ -16,7 +16,7 @@ use crate::reference::Frenet;
 /// What stays the same over the iterations.
 pub(super) struct Program<'a> {
     pub(super) ground: &'a Ground<'a>,
-    pub(super) weights: &'a Weights,
+    pub(super) weights: Weights,
     /// Pose of the frame that chains are in.
     pub(super) frame: Pose,
     /// From the rear axle to the front bumper, m.
@@ -284,7 +284,7 @@ impl Builder<'_> {
     /// Closeness of piece `i` to static obstacles: the square of the largest shortfall h of clearance, as the lattice
     /// has it.
     fn add_clearance(&mut self, i: usize, samples: &[Sample]) {
-        let (weights, corridor) = (self.fixed.weights, &self.fixed.corridor[i]);
+        let (weights, corridor) = (&self.fixed.weights, &self.fixed.corridor[i]);
         let wanted = weights.clearance_wanted;
         if wanted <= 0.0 {
             return;
@@ -316,7 +316,7 @@ impl Builder<'_> {
     /// Distance from the reference line and way outside the lane of piece `i`, at the lattice's own samples. Takes and
     /// returns a station near the start and the end of the piece.
     fn add_offsets(&mut self, i: usize, samples: &[Sample], mut about: f64) -> f64 {
-        let (weights, ground) = (self.fixed.weights, self.fixed.ground);
+        let (weights, ground) = (&self.fixed.weights, self.fixed.ground);
         let stride = samples.len() / COST_SAMPLES;
         let way = self.chain.lengths[i] / COST_SAMPLES as f64;
         let mut by_length = 0.0;
