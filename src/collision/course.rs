@@ -71,15 +71,16 @@ impl Stretch {
 
     /// From its start to its end, in the frame of its start, m. `halvings` bounds the work for absurd curvature.
     fn chord(&self, halvings: u32) -> Local {
-        /// Turning, and of it what is not by curvature that grows evenly (rad), up to which three points err by less than
-        /// 2e-9 of the length: the square of the latter meets the rule's first inexact power.
-        const THREE: (f64, f64) = (0.1, 0.01);
+        /// Turning, and what of it comes from uneven curvature (rad; a tenth of what grows evenly counts), up to which
+        /// three points err by less than 2e-10 of the length: the square of the latter and the cube of what grows evenly
+        /// meet the first power that the rule does not integrate.
+        const THREE: (f64, f64) = (0.08, 0.0015);
         /// The same for five points.
-        const FIVE: (f64, f64) = (0.25, 0.2);
+        const FIVE: (f64, f64) = (0.25, 0.08);
         /// Turning up to which eight points do, for any cubic.
         const EIGHT: f64 = 0.6;
         let turning = self.length * self.bounds().0;
-        let uneven = self.length * (self.powers[2].abs() + self.powers[3].abs());
+        let uneven = self.length * (0.1 * self.powers[1].abs() + self.powers[2].abs() + self.powers[3].abs());
         let within = |(most, most_uneven): (f64, f64)| turning <= most && uneven <= most_uneven;
         if within(THREE) {
             self.rule(&GAUSS_3)
