@@ -123,7 +123,7 @@ impl Settings {
             let value = l.headings.len() as f64;
             return Err(SettingsError { field: "planner.lattice.headings", value, expected: "1 to 9 headings" });
         }
-        if let Some(&value) = l.headings.iter().find(|h| !(h.abs() <= 1.0)) {
+        if let Some(&value) = l.headings.iter().find(|h| h.is_nan() || h.abs() > 1.0) {
             return Err(SettingsError { field: "planner.lattice.headings", value, expected: "-1 to 1 rad" });
         }
         let shares = [
