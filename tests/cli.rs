@@ -116,6 +116,20 @@ fn an_output_never_replaces_an_input() {
     let place = Place::new();
     let road = std::fs::read(ROAD).unwrap();
     let name = place.file("road.xml", &road);
+    // what an input is read from is an input: a vehicle's files, a grid's image
+    let vehicle = place.path("v");
+    std::fs::create_dir(&vehicle).unwrap();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("vehicles/f1tenth");
+    for file in ["vehicle.urdf", "dynamics.toml", "body.obj"] {
+        std::fs::copy(folder.join(file), vehicle.join(file)).unwrap();
+    }
+    for file in ["v/dynamics.toml", "v/body.obj"] {
+        complains(&place.run(&["plan", ROAD, "--vehicle", "v", "--json", file]), 2, &[file, "twice"]);
+    }
+    std::fs::write(place.path("g.pgm"), "P2 1 1 255 255").unwrap();
+    let yaml = "image: g.pgm\nresolution: 1\norigin: [0, 900, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n";
+    std::fs::write(place.path("g.yaml"), yaml).unwrap();
+    complains(&place.run(&["plan", ROAD, "--grid", "g.yaml", "--json", "g.pgm"]), 2, &["g.pgm", "twice"]);
     complains(&place.run(&["plan", &name, "--json", "./road.xml"]), 2, &["twice"]);
     assert_eq!(std::fs::read(place.path("road.xml")).unwrap(), road);
 }

@@ -49,7 +49,10 @@ pub(super) struct Outputs {
 impl Job {
     /// Reads the inputs and checks the outputs.
     pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
-        let inputs = [Some(args.scenario.as_path()), args.config.as_deref(), args.grid.as_deref()];
+        let mut inputs = vec![args.scenario.clone()];
+        inputs.extend(args.config.iter().chain(&args.grid).cloned());
+        inputs.extend(args.grid.as_deref().and_then(ros_map::image_of));
+        inputs.extend(vehicle::files_of(&args.vehicle));
         let outputs = Outputs {
             json: args.json,
             json_cycles: args.json_cycles,
@@ -140,7 +143,7 @@ impl Outputs {
     }
 
     /// Each file once, none of them an input, all writable.
-    pub(super) fn check(&self, inputs: &[Option<&Path>]) -> Result<(), Failure> {
+    pub(super) fn check(&self, inputs: &[PathBuf]) -> Result<(), Failure> {
         if self.rrd.is_some() && !cfg!(feature = "rerun") {
             let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
             return Err(Failure::Use(reason.into()));
@@ -149,7 +152,7 @@ impl Outputs {
             let reason = "only --json goes to stdout with `-`; a file of that name is `./-`";
             return Err(Failure::Use(reason.into()));
         }
-        let mut taken: Vec<PathBuf> = inputs.iter().flatten().map(|p| real(p)).collect();
+        let mut taken: Vec<PathBuf> = inputs.iter().map(|p| real(p)).collect();
         for file in self.files() {
             let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());
             if taken.contains(&real(file)) {

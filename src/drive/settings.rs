@@ -48,6 +48,9 @@ pub struct SettingsError {
 /// between them.
 const WIDEST_CORRIDOR: f64 = 1.0;
 
+/// Edges of a lattice at most: a cycle looks at a good part of them.
+const MOST_EDGES: f64 = 1e5;
+
 impl Settings {
     /// Checks every value's range.
     ///
@@ -134,6 +137,17 @@ impl Settings {
                 return Err(SettingsError { field, value, expected });
             }
         }
+        // edges between two layers go from every node to every node
+        let nodes = (2.0 * (l.offset_limit / l.offset_spacing).floor() + 1.0) * l.headings.len() as f64;
+        let edges = nodes * nodes * l.layers as f64;
+        if edges > MOST_EDGES {
+            let expected = "at most 100000: more offset_spacing, fewer headings or layers";
+            return Err(SettingsError {
+                field: "planner.lattice: edges, (offsets × headings)² × layers,",
+                value: edges,
+                expected,
+            });
+        }
         if !(1..=9).contains(&l.headings.len()) {
             let value = l.headings.len() as f64;
             return Err(SettingsError { field: "planner.lattice.headings", value, expected: "1 to 9 headings" });
@@ -210,6 +224,15 @@ mod tests {
             let off: Settings = toml::from_str(&format!("[{table}]\n{key} = 0.0")).unwrap();
             assert_eq!(off.validate(), Ok(()), "{name} = 0 switches a term off");
         }
+    }
+
+    #[test]
+    fn a_lattice_of_too_many_edges_is_refused_though_each_of_its_counts_is_allowed() {
+        let headings = "headings = [-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2]";
+        let settings: Settings = toml::from_str(&format!("[planner.lattice]\n{headings}")).unwrap();
+        assert!(settings.validate().unwrap_err().to_string().contains("edges"));
+        let fewer: Settings = toml::from_str("[planner.lattice]\nheadings = [-0.1, 0.0, 0.1]").unwrap();
+        assert_eq!(fewer.validate(), Ok(()));
     }
 
     #[test]

@@ -17,7 +17,7 @@
 //! Weak where 16-bit images are used: they are read as 8 bits, which is what the format's thresholds are for.
 
 use std::io::Read as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::{GenericImageView as _, ImageReader, Limits};
 use serde_saphyr::Spanned;
@@ -175,6 +175,14 @@ pub fn read_file(path: &Path) -> Result<OccupancyGrid, ReadError> {
     })
 }
 
+/// The image that a grid's YAML file names, if it can be read that far: it is an input like the file itself.
+#[must_use]
+pub fn image_of(path: &Path) -> Option<PathBuf> {
+    let yaml = read_bytes(path, MAX_YAML).ok().flatten()?;
+    let header: Header = serde_saphyr::from_str(std::str::from_utf8(&yaml).ok()?).ok()?;
+    Some(path.parent().unwrap_or(Path::new("")).join(&header.image.value))
+}
+
 /// The bytes of a file; `None` if there are more than the limit.
 fn read_bytes(path: &Path, limit: u64) -> std::io::Result<Option<Vec<u8>>> {
     let mut bytes = Vec::new();
@@ -212,18 +220,27 @@ pub fn read(
     OccupancyGrid::new(pose, resolution, width, height, cells).map_err(|e| trouble(e.to_string()))
 }
 
+/// Largest side of a cell, m: nobody maps in kilometres.
+const LARGEST_CELL: f64 = 1e3;
+/// Coordinates beyond this lose centimetres, m; the scenario reader's limit, too.
+const LARGEST_COORDINATE: f64 = 1e9;
+
 impl Header {
     fn origin(&self, file: &str) -> Result<Pose, ReadError> {
+        let sane = |v: &f64| v.abs() <= LARGEST_COORDINATE;
         match self.origin.value[..] {
-            [x, y, yaw] if x.is_finite() && y.is_finite() && yaw.is_finite() => Ok(Pose::new(x, y, yaw)),
-            _ => Err(bad(file, &self.origin, "origin", format!("{:?}", self.origin.value), "[x, y, yaw], finite")),
+            [x, y, yaw] if self.origin.value.iter().all(sane) => Ok(Pose::new(x, y, yaw)),
+            _ => {
+                Err(bad(file, &self.origin, "origin", format!("{:?}", self.origin.value), "[x, y, yaw], at most 1e9 m"))
+            }
         }
     }
 
     fn resolution(&self, file: &str) -> Result<f64, ReadError> {
         let value = self.resolution.value;
-        let good = value.is_finite() && value > 0.0;
-        let wrong = || bad(file, &self.resolution, "resolution", value.to_string(), "a positive number of metres");
+        let good = value > 0.0 && value <= LARGEST_CELL;
+        let expected = "a positive number of metres, at most 1000";
+        let wrong = || bad(file, &self.resolution, "resolution", format!("{value:?}"), expected);
         good.then_some(value).ok_or_else(wrong)
     }
 
@@ -342,16 +359,20 @@ mod tests {
     #[test]
     fn each_wrong_value_is_named_with_its_line() {
         let cases = [
-            ("0.5", "0", "map.yaml:2: resolution is 0, expected a positive number of metres"),
-            ("0.5", ".nan", "map.yaml:2: resolution is NaN, expected a positive number of metres"),
-            ("[1.0, -2.0, 0.0]", "[1.0, 2.0]", "map.yaml:3: origin is [1.0, 2.0], expected [x, y, yaw], finite"),
-            ("-2.0", ".inf", "map.yaml:3: origin is [1.0, inf, 0.0], expected [x, y, yaw], finite"),
+            ("0.5", "0", "map.yaml:2: resolution is 0.0, expected a positive number of metres, at most 1000"),
+            ("0.5", ".nan", "map.yaml:2: resolution is NaN, expected a positive number of metres, at most 1000"),
+            ("[1.0, -2.0, 0.0]", "[1.0, 2.0]", "map.yaml:3: origin is [1.0, 2.0], expected [x, y, yaw], at most 1e9 m"),
+            ("-2.0", ".inf", "map.yaml:3: origin is [1.0, inf, 0.0], expected [x, y, yaw], at most 1e9 m"),
             ("negate: 0", "negate: 2", "map.yaml:4: negate is 2, expected 0 or 1"),
             ("0.65", "1.5", "map.yaml:5: occupied_thresh is 1.5, expected a number from 0 to 1"),
             ("0.196", "0.9", "map.yaml:6: free_thresh is 0.9, expected no more than occupied_thresh"),
         ];
         for (from, to, message) in cases {
             assert_eq!(read_with(&YAML.replace(from, to), PGM).unwrap_err().to_string(), message);
+        }
+        for (good, absurd, element) in [("0.5", "1e50", "resolution"), ("-2.0", "1e50", "origin")] {
+            let error = read_with(&YAML.replacen(good, absurd, 1), PGM).unwrap_err().to_string();
+            assert!(error.contains(element) && error.contains("at most"), "{error}");
         }
         let error = read_with(&(YAML.to_owned() + "mode: quaternary\n"), PGM).unwrap_err();
         assert_eq!(error.to_string(), "map.yaml:7: mode is quaternary, expected trinary, scale or raw");

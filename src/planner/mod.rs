@@ -59,6 +59,8 @@ pub struct Planner<'a> {
 struct Committed {
     trajectory: Trajectory,
     deceleration: f64,
+    /// False for the emergency stop that stands in where nothing was ever proven.
+    is_proven: bool,
     is_smooth: bool,
     is_refined: bool,
 }
@@ -180,14 +182,15 @@ impl<'a> Planner<'a> {
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let CycleRecord { is_smooth, is_refined, .. } = record;
-                self.committed =
-                    Some(Committed { trajectory, deceleration: choice.deceleration, is_smooth, is_refined });
+                let deceleration = choice.deceleration;
+                self.committed = Some(Committed { trajectory, deceleration, is_proven: true, is_smooth, is_refined });
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
                 record.is_smooth = self.committed.as_ref().is_some_and(|c| c.is_smooth);
                 record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
-                (Decision::KeepLast, Vec::new())
+                let is_proven = self.committed.as_ref().is_some_and(|c| c.is_proven);
+                (if is_proven { Decision::KeepLast } else { Decision::Unproven }, Vec::new())
             }
             None => {
                 self.committed = Some(self.emergency_stop(&start));
@@ -477,7 +480,9 @@ impl<'a> Planner<'a> {
         let trajectory =
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
-            (Some(trajectory), _) => Committed { trajectory, deceleration, is_smooth: false, is_refined: false },
+            (Some(trajectory), _) => {
+                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false }
+            }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
         }

@@ -11,7 +11,7 @@ mod urdf;
 
 pub use footprint::{Footprint, FootprintError, LARGEST_REACH, MOST_CORNERS, MOST_PARTS};
 pub use mesh::MeshError;
-pub use read::{VehicleError, builtin_names, load};
+pub use read::{VehicleError, builtin_names, files_of, load};
 
 use crate::geometry::Pose;
 

@@ -167,6 +167,19 @@ pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
     assemble(&name, folder, &urdf, &toml, &|mesh| read_mesh(&folder.join(mesh)))
 }
 
+/// The files that a vehicle's folder is read from; none for one that is built in.
+#[must_use]
+pub fn files_of(name_or_folder: &str) -> Vec<PathBuf> {
+    let given = Path::new(name_or_folder);
+    let folder = if given.is_file() { given.parent().unwrap_or(given) } else { given };
+    let is_read = |file: &PathBuf| {
+        let kind = file.extension().map(|e| e.to_string_lossy().to_lowercase());
+        matches!(kind.as_deref(), Some("urdf" | "toml" | "obj" | "stl"))
+    };
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    entries.flatten().map(|entry| entry.path()).filter(is_read).collect()
+}
+
 /// Reads a mesh file, unless it is too large to be one for collision.
 fn read_mesh(file: &Path) -> Result<Vec<u8>, MeshError> {
     let mut bytes = Vec::new();
