@@ -85,10 +85,14 @@ struct Tolerances {
     beyond: f64,
 }
 
-/// Cars keep to a decimetre and pass a stop by a centimetre at most. The truck has twice the brake lag and turns near its
-/// lock where a car does not: it is held to the verdict's limit of tracking.
+/// Cars keep to a decimetre and pass a stop by a centimetre at most. The truck has twice the brake lag and softer tyres,
+/// the robot car turns on a tenth of a car's way: both are held to the verdict's limit of tracking.
 fn tolerances(name: &str) -> Tolerances {
-    if name == "truck" { Tolerances { aside: 0.25, beyond: 0.03 } } else { Tolerances { aside: 0.1, beyond: 0.012 } }
+    match name {
+        "truck" => Tolerances { aside: 0.25, beyond: 0.03 },
+        "f1tenth" => Tolerances { aside: 0.25, beyond: 0.012 },
+        _ => Tolerances { aside: 0.1, beyond: 0.012 },
+    }
 }
 
 #[test]
@@ -125,13 +129,17 @@ fn stops_end_within_a_decimetre_and_a_car_never_beyond_by_more_than_a_centimetre
 
 #[test]
 fn an_s_curve_is_tracked_to_a_decimetre_by_cars() {
-    // the tightest curve is the vehicle's, where that is wider: a truck does not turn on 8 m
+    // the tightest curve and the lateral acceleration are the vehicle's own, where those are less: a truck does not turn on
+    // 8 m, nor does it slalom like a car
     let kinds: [(f64, f64); 5] =
         [(3.0, 0.12), (8.0, 3.0 / 64.0), (12.0, 3.0 / 144.0), (20.0, 3.0 / 400.0), (30.0, 2.0 / 900.0)];
     let cases = vehicle::builtin_names().iter().flat_map(|name| kinds.map(|(speed, kappa)| (*name, speed, kappa)));
     for (name, speed, kappa) in cases {
         let v = vehicle::load(name).unwrap();
-        let kappa = kappa.min(0.8 * v.max_curvature());
+        if speed > v.limits.speed {
+            continue;
+        }
+        let kappa = kappa.min(0.8 * v.max_curvature()).min(v.comfort.lateral_acceleration / (speed * speed));
         let spiral = |k: f64| CubicSpiral { knots: [0.0, k, k, 0.0].map(|x| x * 8.0 / 9.0), length: 4.0 * speed };
         let lead = CubicSpiral { knots: [0.0; 4], length: speed };
         let path = Path::new(Pose::new(0.0, 0.0, 0.3), &[lead, spiral(kappa), spiral(-kappa), lead]).unwrap();
