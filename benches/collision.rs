@@ -1,5 +1,11 @@
 //! Rates of the collision layer: edges of 50 m against a road with a hundred boundary segments and parked cars, and the
 //! blocked grid of 100 m against 30 moving obstacles over 6 s. The answers are asserted before anything is timed.
+//!
+//! `edge_rate` (also by `cargo bench --bench collision -- edge_rate`) prints how many candidate edges are solved and
+//! checked in a second on one core.
+
+#[path = "collision/edge_rate.rs"]
+mod edge_rate;
 
 use divan::{Bencher, black_box};
 use stopline::collision::{CollisionSettings, CollisionWorld};
@@ -7,14 +13,20 @@ use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape, TimedPose};
-use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
 fn main() {
-    divan::main();
+    let filters: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    if filters.is_empty() || filters.iter().any(|f| f == "edge_rate") {
+        edge_rate::print();
+    }
+    if filters.is_empty() || filters.iter().any(|f| f != "edge_rate") {
+        divan::main();
+    }
 }
 
 /// A winding road of two lanes, 220 m, bound points every 2 m; it runs at 45°, so that boxes around it are poor.
-fn road() -> Vec<Lanelet> {
+pub(crate) fn road() -> Vec<Lanelet> {
     let centre: Vec<Pose> = (0..=110)
         .map(|i| {
             let s = 2.0 * f64::from(i) - 20.0;
@@ -62,6 +74,7 @@ fn world(moving: usize) -> CollisionWorld {
         time_step: 0.1,
         network: RoadNetwork { lanelets: road().into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
         obstacles: obstacles.collect(),
+        occupancy: None,
         problems: vec![],
         issues: vec![],
     };
@@ -141,10 +154,11 @@ fn lanelet(id: i64, left: Polyline, right: Polyline) -> Lanelet {
 }
 
 /// The published dimensions of the BMW 320i; the rest does not matter here.
-fn vehicle() -> Vehicle {
+pub(crate) fn vehicle() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.5789,

@@ -10,6 +10,7 @@ use divan::{Bencher, black_box};
 use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
+use stopline::lattice::refine::{Commitment, RefinementSettings, refined};
 use stopline::lattice::{EdgeStore, Ground, LatticePath, Root, paths};
 use stopline::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem,
@@ -18,7 +19,7 @@ use stopline::map::{
 use stopline::planner::{Cycle, Decision, Planner, Settings};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search, smoothing};
-use stopline::vehicle::{Actuators, Comfort, Limits, State, Tyres, Vehicle};
+use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, State, Tyres, Vehicle};
 
 fn main() {
     // one thread, so that figures mean the same on every machine
@@ -105,6 +106,7 @@ fn scenario() -> Scenario {
         time_step: 0.1,
         network: network(),
         obstacles: driven.chain(parked).map(obstacle).collect(),
+        occupancy: None,
         problems: vec![problem()],
         issues: vec![],
     }
@@ -222,6 +224,25 @@ fn lattice_steady(bencher: Bencher) {
     });
 }
 
+/// A chain from two metres beside the line, refined.
+#[divan::bench]
+fn refinement(bencher: Bencher) {
+    let stages = Stages::new();
+    let (ground, settings) = (stages.ground(), RefinementSettings::default());
+    let beside = stages.root();
+    let pose = Pose { position: beside.pose.position + beside.pose.left() * 2.0, ..beside.pose };
+    let root = Root { pose, start: pose, ..beside };
+    let found = paths(&ground, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default());
+    let (front, weights) = (stages.vehicle.front_overhang_from_rear_axle(), stages.settings.lattice.weights);
+    let refine = |path: &LatticePath| {
+        refined(&ground, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings)
+    };
+    let long = found.into_iter().filter(|p| p.path.pieces().count() >= 3);
+    let best = long.into_iter().find(|p| refine(p).is_some()).expect("nothing to gain in any chain of three edges");
+    println!("{} edges", best.path.pieces().count());
+    bencher.bench_local(|| refine(black_box(&best)));
+}
+
 /// One candidate's blocked grid, asked for the first time.
 #[divan::bench]
 fn blocked_grid(bencher: Bencher) {
@@ -306,6 +327,7 @@ fn vehicle() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.5789,

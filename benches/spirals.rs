@@ -1,19 +1,35 @@
-//! Cubic spirals between random lattice ends: 10…40 m ahead, ±8 m across, ±0.5 rad, end curvatures ±0.1.
-//! Figures are per whole set of 2,000 problems: divide by 2,000 for one spiral.
+//! Spirals between random lattice ends: 10…40 m ahead, ±8 m across, ±0.5 rad, end curvatures ±0.1.
+//!
+//! First a table per spiral, timed by hand: each problem is solved five times and counts with its fastest, so that
+//! another process on the machine does not show; medians and 99th percentiles are over the problems. Then divan's
+//! benches, whose figures are per whole set of problems.
+
+use std::time::{Duration, Instant};
 
 use divan::{Bencher, black_box};
 use stopline::geometry::Pose;
+use stopline::geometry::boundary::{EndCondition, Problem, Solution};
 use stopline::geometry::spiral::{CubicSpiral, connect};
 use stopline::geometry::spiral_opt::connect_bounded;
 
 const PROBLEMS: usize = 2000;
+/// A bound that bites in about a sixth of the problems, 1/m.
+const BOUND: f64 = 0.12;
+/// A bound of the curvature's rate that bites often, 1/m².
+const RATE: f64 = 0.03;
 
 fn main() {
+    if std::env::args().any(|argument| argument == "--bench") {
+        table();
+    }
     divan::main();
 }
 
-/// Reproducible problems (splitmix64): start curvature, end pose, end curvature.
-fn problems() -> Vec<(f64, Pose, f64)> {
+/// A lattice problem: start curvature, end pose, end curvature.
+type Ends = (f64, Pose, f64);
+
+/// Reproducible problems (splitmix64).
+fn problems() -> Vec<Ends> {
     let mut state = 7_u64;
     let mut uniform = move |low: f64, high: f64| {
         state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
@@ -28,6 +44,111 @@ fn problems() -> Vec<(f64, Pose, f64)> {
             (uniform(-0.1, 0.1), end, uniform(-0.1, 0.1))
         })
         .collect()
+}
+
+/// Those in which the bound bites.
+fn bitten() -> Vec<Ends> {
+    let mut bitten = problems();
+    bitten.retain(|(start, end, curvature)| {
+        connect(*start, end, *curvature).is_ok_and(|spiral| spiral.max_abs_curvature() > BOUND)
+    });
+    bitten
+}
+
+/// Those in which the bound of the rate bites.
+fn rate_bitten() -> Vec<Ends> {
+    let mut bitten = problems();
+    bitten.retain(|(start, end, curvature)| {
+        connect(*start, end, *curvature).is_ok_and(|spiral| spiral.max_abs_curvature_rate() > RATE)
+    });
+    bitten
+}
+
+/// What a row of the table needs to know of a solve.
+struct Outcome {
+    solved: bool,
+    residual: f64,
+    iterations: u32,
+    programs: u32,
+}
+
+impl<const K: usize> From<Solution<K>> for Outcome {
+    fn from(s: Solution<K>) -> Self {
+        let solved = s.status.is_solved();
+        Self { solved, residual: s.residual, iterations: s.iterations, programs: s.programs }
+    }
+}
+
+fn table() {
+    const ORIGIN: Pose = Pose { position: stopline::geometry::Point::new(0.0, 0.0), yaw: 0.0 };
+    println!("times per spiral in µs");
+    println!(
+        "{:<46}{:>6}{:>8}{:>9}{:>9}{:>9}{:>11}{:>7}{:>10}",
+        "problem", "count", "solved", "median", "p99", "most", "residual m", "steps", "programs"
+    );
+    let all = problems();
+    row("cubic pinned: Newton", &all, |(start, end, curvature)| {
+        let found = connect(*start, end, *curvature);
+        let residual = found.map_or(f64::NAN, |s| (s.end(&ORIGIN).position - end.position).norm());
+        Outcome { solved: found.is_ok(), residual, iterations: 0, programs: 0 }
+    });
+    let pinned = |(start, end, curvature): &Ends| Problem::pinned(*start, *end, *curvature);
+    let soft = |ends: &Ends, weight| Problem { across: EndCondition::Soft { weight }, ..pinned(ends) };
+    for (how, always_convex) in [("reduced Newton", false), ("Clarabel", true)] {
+        let with = |problem: Problem| Problem { always_convex, ..problem };
+        row(&format!("cubic, soft across, no bound: {how}"), &all, |e| with(soft(e, 0.01)).cubic().into());
+        row(&format!("quintic pinned, no bound: {how}"), &all, |e| with(pinned(e)).quintic().into());
+    }
+    let bitten = bitten();
+    let bounded = |problem: Problem| Problem { max_curvature: BOUND, ..problem };
+    row("cubic, bound bites, soft across: cones", &bitten, |e| bounded(soft(e, 100.0)).cubic().into());
+    row("quintic, bound bites, soft across: cuts", &bitten, |e| bounded(soft(e, 100.0)).quintic().into());
+    row("quintic, bound bites, pinned: cuts", &bitten, |e| bounded(pinned(e)).quintic().into());
+    let steep = rate_bitten();
+    let slow = |problem: Problem| Problem { max_curvature_rate: RATE, ..problem };
+    row("cubic, rate bites, soft across: cones", &steep, |e| slow(soft(e, 100.0)).cubic().into());
+    row("quintic, rate bites, soft across: cuts", &steep, |e| slow(soft(e, 100.0)).quintic().into());
+    row("cubic, target behind", &all, |(start, end, curvature)| {
+        let behind = Pose::new(-end.position.x, end.position.y, end.yaw);
+        bounded(Problem::pinned(*start, behind, *curvature)).cubic().into()
+    });
+    println!();
+}
+
+fn row(name: &str, problems: &[Ends], solve: impl Fn(&Ends) -> Outcome) {
+    const REPEATS: usize = 5;
+    let mut times = Vec::with_capacity(problems.len());
+    let (mut solved, mut residual, mut iterations, mut programs) = (0_usize, 0.0_f64, 0, 0);
+    for problem in problems {
+        let mut fastest = Duration::MAX;
+        for repeat in 0..REPEATS {
+            let begin = Instant::now();
+            let outcome = black_box(solve(black_box(problem)));
+            fastest = fastest.min(begin.elapsed());
+            if repeat == 0 {
+                iterations += outcome.iterations;
+                programs += outcome.programs;
+                if outcome.solved {
+                    solved += 1;
+                    residual = residual.max(outcome.residual);
+                }
+            }
+        }
+        times.push(fastest.as_secs_f64() * 1e6);
+    }
+    times.sort_by(f64::total_cmp);
+    let count = problems.len();
+    let at = |per_mille: usize| times.get(count * per_mille / 1000).copied().unwrap_or(f64::NAN);
+    let mean = |sum: u32| f64::from(sum) / count as f64;
+    println!(
+        "{name:<46}{count:>6}{:>7.1}%{:>9.2}{:>9.2}{:>9.1}{residual:>11.1e}{:>7.1}{:>10.1}",
+        100.0 * solved as f64 / count as f64,
+        at(500),
+        at(990),
+        times.last().copied().unwrap_or(f64::NAN),
+        mean(iterations),
+        mean(programs)
+    );
 }
 
 fn spirals() -> Vec<CubicSpiral> {
@@ -45,14 +166,10 @@ fn newton_2000(bencher: Bencher) {
     });
 }
 
-/// The convex program, on the problems in which a bound of 0.12 1/m bites: divide by their number, 321.
+/// What the lattice calls, on the problems in which the bound bites: divide by their number, 321.
 #[divan::bench]
 fn bounded_where_the_bound_bites(bencher: Bencher) {
-    const BOUND: f64 = 0.12;
-    let mut bitten = problems();
-    bitten.retain(|(start, end, curvature)| {
-        connect(*start, end, *curvature).is_ok_and(|spiral| spiral.max_abs_curvature() > BOUND)
-    });
+    let bitten = bitten();
     bencher.bench_local(|| {
         for (start, end, curvature) in &bitten {
             let _ = black_box(connect_bounded(*start, end, *curvature, BOUND));
@@ -72,6 +189,25 @@ fn sweep_2000(bencher: Bencher) {
             for point in spiral.samples(&origin, intervals) {
                 black_box(point);
             }
+        }
+    });
+}
+
+/// Projecting a point two metres beside the middle.
+#[divan::bench]
+fn nearest_2000(bencher: Bencher) {
+    let spirals = spirals();
+    let origin = Pose::new(0.0, 0.0, 0.0);
+    let points: Vec<_> = spirals
+        .iter()
+        .map(|spiral| {
+            let middle = spiral.point_at(&origin, 0.5 * spiral.length).pose;
+            middle.position + middle.left() * 2.0
+        })
+        .collect();
+    bencher.bench_local(|| {
+        for (spiral, point) in spirals.iter().zip(&points) {
+            black_box(spiral.nearest(&origin, *point));
         }
     });
 }

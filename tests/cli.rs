@@ -116,6 +116,20 @@ fn an_output_never_replaces_an_input() {
     let place = Place::new();
     let road = std::fs::read(ROAD).unwrap();
     let name = place.file("road.xml", &road);
+    // what an input is read from is an input: a vehicle's files, a grid's image
+    let vehicle = place.path("v");
+    std::fs::create_dir(&vehicle).unwrap();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("vehicles/f1tenth");
+    for file in ["vehicle.urdf", "dynamics.toml", "body.obj"] {
+        std::fs::copy(folder.join(file), vehicle.join(file)).unwrap();
+    }
+    for file in ["v/dynamics.toml", "v/body.obj"] {
+        complains(&place.run(&["plan", ROAD, "--vehicle", "v", "--json", file]), 2, &[file, "twice"]);
+    }
+    std::fs::write(place.path("g.pgm"), "P2 1 1 255 255").unwrap();
+    let yaml = "image: g.pgm\nresolution: 1\norigin: [0, 900, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n";
+    std::fs::write(place.path("g.yaml"), yaml).unwrap();
+    complains(&place.run(&["plan", ROAD, "--grid", "g.yaml", "--json", "g.pgm"]), 2, &["g.pgm", "twice"]);
     complains(&place.run(&["plan", &name, "--json", "./road.xml"]), 2, &["twice"]);
     assert_eq!(std::fs::read(place.path("road.xml")).unwrap(), road);
 }
@@ -231,6 +245,15 @@ fn is_sound_result(result: &Value, format: &str) {
     for key in ["cycles", "proven_cycles", "expansions", "candidates"] {
         assert!(result["planning"][key].is_u64(), "planning.{key}");
     }
+    let codes = stopline::planner::Rejection::ALL.map(|why| why.code());
+    let rejections = result["planning"]["rejections"].as_object().unwrap();
+    assert!(rejections.len() == codes.len() && codes.iter().all(|code| rejections[*code].is_u64()), "{rejections:?}");
+    let rejected: u64 = rejections.values().map(|n| n.as_u64().unwrap()).sum();
+    assert!(rejected <= result["planning"]["candidates"].as_u64().unwrap());
+    let edges = result["planning"]["edges"].as_object().unwrap();
+    for key in ["tried", "off_road", "no_spiral", "curvature_bound", "winds", "obstacle", "road_edge", "free"] {
+        assert!(edges[key].is_u64(), "planning.edges.{key}");
+    }
     for key in ["median", "p99", "max"] {
         assert!(result["planning"]["time_ms"][key].is_number(), "planning.time_ms.{key}");
     }
@@ -309,6 +332,80 @@ fn json_on_stdout_is_one_object_and_nothing_else() {
     assert_eq!(states[states.len() - 1]["speed_mps"], 0.0);
     assert_eq!(place.names(), Vec::<String>::new(), "no file is called -");
     assert_eq!(stderr(&output), "", "no progress bar where nobody watches");
+}
+
+/// What is promised of a list of candidates; how many there are of each state.
+fn are_sound_candidates(candidates: &Value) -> std::collections::BTreeMap<String, u64> {
+    let codes = stopline::planner::Rejection::ALL.map(|why| why.code());
+    let mut states = std::collections::BTreeMap::new();
+    for candidate in candidates.as_array().unwrap() {
+        for key in ["lane", "attempt"] {
+            assert!(candidate[key].is_u64(), "{key} of {candidate}");
+        }
+        for key in ["length_m", "end_x_m", "end_y_m", "cost"] {
+            assert!(candidate[key].is_f64(), "{key} of {candidate}");
+        }
+        let terms = candidate["terms"].as_object().unwrap();
+        let names = ["offset", "bending", "clearance", "lane", "missing", "switching", "lane_change", "delay"];
+        assert!(terms.len() == names.len() && names.iter().all(|n| terms[*n].as_f64().unwrap() >= 0.0), "{terms:?}");
+        let sum: f64 = terms.values().map(|v| v.as_f64().unwrap()).sum();
+        assert!((sum - candidate["cost"].as_f64().unwrap()).abs() < 1e-9, "the cost is the sum of its terms");
+        let state = candidate["rejected"].as_str().unwrap_or("chosen");
+        assert!(candidate["rejected"].is_null() || codes.contains(&state), "{state}");
+        *states.entry(state.to_owned()).or_insert(0) += 1;
+    }
+    states
+}
+
+#[test]
+fn a_plan_lists_its_candidates_with_terms_and_reasons() {
+    let place = Place::new();
+    let parked = concat!(env!("CARGO_MANIFEST_DIR"), "/maps/parked_car.xml");
+    let output = place.run(&["plan", parked, "--json", "-"]);
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let states = are_sound_candidates(&result["candidates"]);
+    assert_eq!(states["chosen"], 1, "{states:?}");
+    let told = result["planning"]["rejections"].as_object().unwrap();
+    for (code, count) in told {
+        assert_eq!(states.get(code).copied().unwrap_or(0), count.as_u64().unwrap(), "{code} of {states:?}");
+    }
+    let chosen = result["candidates"].as_array().unwrap().iter().find(|c| c["rejected"].is_null()).unwrap();
+    let cost = |c: &Value| c["cost"].as_f64().unwrap();
+    let passed = result["candidates"].as_array().unwrap().iter().filter(|c| c["rejected"] == "dearer");
+    assert!(passed.clone().count() > 0 && passed.clone().all(|c| cost(c) >= cost(chosen) - 1e-6));
+}
+
+#[test]
+fn a_drive_tells_its_cycles_only_if_asked_and_its_hash_does_not_see_them() {
+    let place = Place::new();
+    let drive = |arguments: &[&str]| -> Value {
+        let output = place.run(&[&["drive", ROAD, "--json", "-"], arguments].concat());
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (short, long) = (drive(&[]), drive(&["--json-cycles"]));
+    assert!(short["cycles"].is_null() && short["candidates"].is_null());
+    assert_eq!(short["hash"], long["hash"]);
+    let cycles = long["cycles"].as_array().unwrap();
+    assert_eq!(cycles.len() as u64, long["planning"]["cycles"].as_u64().unwrap());
+    let (mut total, mut rejected) = (0, 0);
+    for cycle in cycles {
+        let states = are_sound_candidates(&cycle["candidates"]);
+        let decision = cycle["decision"].as_str().unwrap();
+        assert!(["new_plan", "keep_last", "unproven"].contains(&decision), "{decision}");
+        assert_eq!(
+            states.get("chosen").copied().unwrap_or(0),
+            u64::from(decision == "new_plan"),
+            "{decision} {states:?}"
+        );
+        assert_eq!(cycle["deceleration_mps2"].is_number(), decision == "new_plan");
+        assert!(cycle["time_s"].is_number() && cycle["expansions"].is_u64());
+        total += states.values().sum::<u64>();
+        rejected += states.iter().filter(|(state, _)| *state != "chosen").map(|(_, n)| n).sum::<u64>();
+    }
+    assert_eq!(total, long["planning"]["candidates"].as_u64().unwrap());
+    let told: u64 = long["planning"]["rejections"].as_object().unwrap().values().map(|n| n.as_u64().unwrap()).sum();
+    assert_eq!(rejected, told);
+    complains(&place.run(&["drive", ROAD, "--json-cycles"]), 2, &["--json"]);
 }
 
 #[test]

@@ -5,10 +5,11 @@ mod common;
 use std::collections::BTreeMap;
 
 use common::{ADDED, VEHICLE, bundled, driven, failures, maps, standing};
-use stopline::drive::{Outcome, Run};
+use stopline::drive::{Outcome, Run, Settings, drive};
 use stopline::geometry::{Point, Pose};
 use stopline::map::{Motion, Scenario};
-use stopline::simulation::{self, Log, World};
+use stopline::planner::{Cycle, Decision};
+use stopline::simulation::{self, Log, Sample, World};
 use stopline::vehicle::State;
 use stopline::verdict::{self, Expectation};
 
@@ -243,4 +244,35 @@ fn the_rig_touches_what_a_blind_plan_runs_into_and_only_that() {
     let aside = standing(Pose::new(60.0, 1.75 + 0.5, 0.0), 4.5, 1.8);
     assert_eq!(aside.id, ADDED);
     assert_eq!(replayed(&run, &[aside]).contact, None, "touched a car in the other lane");
+}
+
+/// Refinement is not for the looks: the vehicle turns the wheel less, and every refined plan carries its own proof.
+#[test]
+fn refined_plans_are_proven_and_what_is_driven_bends_less() {
+    let scenario = bundled("parked_car");
+    let with = |enabled| {
+        let mut settings = Settings::default();
+        settings.planner.refinement.enabled = enabled;
+        drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap()
+    };
+    let (refined, plain) = (with(true), with(false));
+    assert!(plain.cycles.iter().all(|c| !c.is_refined));
+    let of_new_plans = |c: &&Cycle| matches!(c.decision, Decision::NewPlan { .. });
+    let count = refined.cycles.iter().filter(|c| c.is_refined).filter(of_new_plans).count();
+    assert!(count > 10, "only {count} cycles are refined");
+    for cycle in refined.cycles.iter().filter(|c| c.is_refined) {
+        assert_ne!(cycle.decision, Decision::Unproven);
+        assert!(cycle.committed.profile.ends_at_rest());
+        assert!(cycle.committed.profile.last().station <= cycle.committed.path.length());
+    }
+    assert!(refined.verdict.pass(), "{:#?}", failures(&refined));
+    // ∫κ² along the way driven, from the wheel's angle
+    let bending = |run: &Run| {
+        let curvature = |s: &Sample| s.steering.tan() / VEHICLE.wheelbase;
+        let samples = run.log.samples.windows(2);
+        samples.map(|w| curvature(&w[0]).powi(2) * (w[1].pose.position - w[0].pose.position).norm()).sum::<f64>()
+    };
+    let (less, more) = (bending(&refined), bending(&plain));
+    println!("{count} cycles refined; driven: {less:.4} 1/m where it was {more:.4}");
+    assert!(less < 0.9 * more, "{less} {more}");
 }

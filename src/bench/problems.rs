@@ -56,7 +56,9 @@ mod tests {
     #[test]
     fn problems_fill_their_ranges_and_nothing_beyond() {
         let problems = lattice_problems(1, 5000);
-        let fields: [(fn(&LatticeProblem) -> f64, f64, f64); 5] = [
+        /// A quantity with its range.
+        type Field = (fn(&LatticeProblem) -> f64, f64, f64);
+        let fields: [Field; 5] = [
             (|p| p.end.position.x, 10.0, 40.0),
             (|p| p.end.position.y, -8.0, 8.0),
             (|p| p.end.yaw, -0.5, 0.5),

@@ -142,6 +142,10 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE.toml")]
     pub(super) config: Option<PathBuf>,
 
+    /// Occupancy grid of ROS in the scenario's coordinates: its occupied cells are obstacles, too.
+    #[arg(long, value_name = "FILE.yaml")]
+    pub(super) grid: Option<PathBuf>,
+
     /// Which planning problem of the file; needed if it has several.
     #[arg(long, value_name = "ID", allow_negative_numbers = true)]
     pub(super) problem: Option<i64>,
@@ -157,6 +161,10 @@ pub(super) struct RunArgs {
     /// The result as JSON; `-` prints it on stdout, and nothing else.
     #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
     pub(super) json: Option<PathBuf>,
+
+    /// Every planning cycle of a drive with its candidates, their cost terms and why they were rejected, in the JSON: large.
+    #[arg(long, requires = "json", help_heading = "Outputs")]
+    pub(super) json_cycles: bool,
 
     /// The driven samples (for `plan`, the planned ones) as a table.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]

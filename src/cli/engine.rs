@@ -9,7 +9,8 @@ use super::job::{Job, Kind};
 use super::{Failure, json, say};
 use crate::drive::{self, Outcome, Run};
 use crate::io::{csv, files, solution};
-use crate::planner::Decision;
+use crate::lattice::EdgeCounts;
+use crate::planner::{Decision, Rejection};
 use crate::simulation::{Log, Sample};
 use crate::verdict::{self, Metrics};
 
@@ -37,8 +38,13 @@ pub(super) struct Solution {
 pub(super) struct Planning {
     pub(super) cycles: usize,
     pub(super) proven_cycles: usize,
+    pub(super) refined_cycles: usize,
     pub(super) expansions: usize,
     pub(super) candidates: usize,
+    /// How many candidates were rejected, by reason, in the order of [`Rejection::ALL`].
+    pub(super) rejections: Vec<(Rejection, usize)>,
+    /// What became of the lattice edges looked at.
+    pub(super) edges: EdgeCounts,
     pub(super) time_ms: Times,
 }
 
@@ -118,9 +124,15 @@ fn planning(run: &Run) -> Planning {
     let proven = |decision: Decision| !matches!(decision, Decision::Unproven);
     let mut times: Vec<f64> = run.cycles.iter().map(|c| c.stage_seconds.total * 1000.0).collect();
     times.sort_by(f64::total_cmp);
+    let mut edges = EdgeCounts::default();
+    run.cycles.iter().for_each(|c| edges.add(&c.edges));
+    let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
     Planning {
+        rejections: Rejection::ALL.map(rejected).to_vec(),
+        edges,
         cycles: run.cycles.len(),
         proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
         expansions: run.cycles.iter().map(|c| c.expansions).sum(),
         candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
         time_ms: Times { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) },

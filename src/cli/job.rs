@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::Failure;
 use super::args::RunArgs;
 use super::engine::Settings;
-use crate::io::{commonroad, files};
+use crate::io::{commonroad, files, ros_map};
 use crate::map::{PlanningProblem, Scenario};
 use crate::vehicle::{self, Vehicle};
 
@@ -38,6 +38,8 @@ pub(super) struct Job {
 pub(super) struct Outputs {
     /// `-` is stdout.
     pub(super) json: Option<PathBuf>,
+    /// Whether the JSON tells every planning cycle.
+    pub(super) json_cycles: bool,
     pub(super) csv: Option<PathBuf>,
     pub(super) solution: Option<PathBuf>,
     pub(super) svg: Option<PathBuf>,
@@ -47,10 +49,21 @@ pub(super) struct Outputs {
 impl Job {
     /// Reads the inputs and checks the outputs.
     pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
-        let inputs = [Some(args.scenario.as_path()), args.config.as_deref()];
-        let outputs = Outputs { json: args.json, csv: args.csv, solution: args.solution, svg: args.svg, rrd: args.rrd };
+        let mut inputs = vec![args.scenario.clone()];
+        inputs.extend(args.config.iter().chain(&args.grid).cloned());
+        inputs.extend(args.grid.as_deref().and_then(ros_map::image_of));
+        inputs.extend(vehicle::files_of(&args.vehicle));
+        let outputs = Outputs {
+            json: args.json,
+            json_cycles: args.json_cycles,
+            csv: args.csv,
+            solution: args.solution,
+            svg: args.svg,
+            rrd: args.rrd,
+        };
         outputs.check(&inputs)?;
-        let scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
+        let mut scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
+        scenario.occupancy = args.grid.as_deref().map(ros_map::read_file).transpose().map_err(Failure::file)?;
         let problem = choose(&scenario, args.problem, &args.scenario)?;
         let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
@@ -130,7 +143,7 @@ impl Outputs {
     }
 
     /// Each file once, none of them an input, all writable.
-    pub(super) fn check(&self, inputs: &[Option<&Path>]) -> Result<(), Failure> {
+    pub(super) fn check(&self, inputs: &[PathBuf]) -> Result<(), Failure> {
         if self.rrd.is_some() && !cfg!(feature = "rerun") {
             let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
             return Err(Failure::Use(reason.into()));
@@ -139,7 +152,7 @@ impl Outputs {
             let reason = "only --json goes to stdout with `-`; a file of that name is `./-`";
             return Err(Failure::Use(reason.into()));
         }
-        let mut taken: Vec<PathBuf> = inputs.iter().flatten().map(|p| real(p)).collect();
+        let mut taken: Vec<PathBuf> = inputs.iter().map(|p| real(p)).collect();
         for file in self.files() {
             let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());
             if taken.contains(&real(file)) {

@@ -2,7 +2,12 @@
 //!
 //! Numbers that are not finite are null. The hash is SHA-256 over the result's canonical JSON (keys sorted, no spaces,
 //! without times of the clock and without the hash) followed by the bits of every sampled state, so that equal hashes
-//! mean equal runs to the last bit.
+//! mean equal runs to the last bit. What only tells more of the same run (`--json-cycles`, the solution's fit) is not in
+//! the hash.
+//!
+//! `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), every code always
+//! there; `planning.edges` counts lattice edges by what became of them ([`EdgeCounts`](crate::lattice::EdgeCounts)).
+//! `plan` lists the candidates of its one cycle; a drive has hundreds of cycles and lists them only if asked.
 
 use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
@@ -10,7 +15,7 @@ use sha2::{Digest as _, Sha256};
 use super::engine::{self, Summary, Times};
 use super::job::{Job, Kind};
 use crate::drive::Run;
-use crate::planner::Decision;
+use crate::planner::{Candidate, Cycle, Decision};
 use crate::simulation::Sample;
 
 /// Fills in the result's JSON and hash.
@@ -21,6 +26,9 @@ pub(super) fn fill(job: &Job, run: &Run, summary: &mut Summary) {
     if let Some(planning) = result.get_mut("planning").and_then(Value::as_object_mut) {
         let Times { median, p99, max } = summary.planning.time_ms;
         planning.insert("time_ms".into(), json!({ "median": median, "p99": p99, "max": max }));
+    }
+    if job.outputs.json_cycles {
+        result.insert("cycles".into(), run.cycles.iter().map(cycle).collect());
     }
     if let Some(solution) = &summary.solution {
         result.insert("solution".into(), json!({ "max_deviation_m": solution.max_deviation_m }));
@@ -54,15 +62,57 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
         json!({
             "cycles": summary.planning.cycles,
             "proven_cycles": summary.planning.proven_cycles,
+            "refined_cycles": summary.planning.refined_cycles,
             "expansions": summary.planning.expansions,
             "candidates": summary.planning.candidates,
+            "rejections": rejections(summary),
+            "edges": serde_json::to_value(&summary.planning.edges).unwrap_or_default(),
         }),
     );
     put("issues", issues(run));
     if job.kind == Kind::Plan {
         put("plan", plan(run, samples));
+        put("candidates", run.cycles.last().map_or_else(|| json!([]), candidates));
     }
     result
+}
+
+/// Candidates rejected by each reason.
+fn rejections(summary: &Summary) -> Value {
+    let counted = summary.planning.rejections.iter();
+    Value::Object(counted.map(|(why, count)| (why.code().to_owned(), json!(count))).collect())
+}
+
+fn cycle(cycle: &Cycle) -> Value {
+    let deceleration = match cycle.decision {
+        Decision::NewPlan { deceleration } => Some(deceleration),
+        Decision::KeepLast | Decision::Unproven => None,
+    };
+    json!({
+        "time_s": cycle.time,
+        "decision": cycle.decision.name(),
+        "deceleration_mps2": deceleration,
+        "expansions": cycle.expansions,
+        "candidates": candidates(cycle),
+    })
+}
+
+/// The candidates of a cycle in the order in which they were looked at. Exactly one that is not rejected: the chosen one.
+fn candidates(cycle: &Cycle) -> Value {
+    let one = |c: &Candidate| {
+        let end = c.path.at(c.path.length()).pose.position;
+        json!({
+            "lane": c.lane,
+            "attempt": c.attempt,
+            "length_m": c.path.length(),
+            "end_x_m": end.x,
+            "end_y_m": end.y,
+            "cost": c.cost,
+            "terms": c.terms,
+            "rejected": c.rejected.map(|why| why.code()),
+        })
+    };
+    cycle.candidates.iter().map(one).collect()
 }
 
 fn checks(run: &Run) -> Value {

@@ -67,6 +67,12 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
          cycle time: {:.2} ms median, {:.2} ms p99, {:.2} ms max",
         p.cycles, p.proven_cycles, p.candidates, p.expansions, p.time_ms.median, p.time_ms.p99, p.time_ms.max
     );
+    let counted = |counts: &mut dyn Iterator<Item = (&'static str, usize)>| {
+        let told: Vec<String> = counts.filter(|(_, n)| *n > 0).map(|(name, n)| format!("{name} {n}")).collect();
+        if told.is_empty() { "none".to_owned() } else { told.join(", ") }
+    };
+    let _ = writeln!(text, "rejected: {}", counted(&mut p.rejections.iter().map(|(why, n)| (why.code(), *n))));
+    let _ = writeln!(text, "lattice edges: {}", counted(&mut p.edges.named().into_iter()));
     if let Some(solution) = &result.solution {
         let _ = writeln!(text, "solution: at most {:.3} m from what was driven", solution.max_deviation_m);
     }

@@ -181,8 +181,8 @@ impl GridBuilder {
     pub(super) fn append(&mut self, sweep: &Sweep, runs: &CellRuns, id: impl Fn(usize) -> i64) {
         let grid = &mut self.grid;
         let before = grid.stations[grid.stations.len() - 1];
-        grid.stations.extend(sweep.stations()[1..].iter().map(|s| before + s));
-        for cell in 0..sweep.cells() {
+        grid.stations.extend(sweep.grid_stations()[1..].iter().map(|s| before + s));
+        for cell in 0..sweep.grid_cells() {
             for run in runs.of(cell) {
                 let (from, to) = (run.slices.start.max(self.wanted.start), run.slices.end.min(self.wanted.end));
                 if from < to {

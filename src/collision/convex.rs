@@ -8,6 +8,7 @@
 use parry2d::bounding_volume::Aabb;
 
 use super::convert::{Local, Origin, vector};
+use super::outline::SweptParts;
 use crate::geometry::Pose;
 use crate::map::ConvexPart;
 
@@ -83,12 +84,21 @@ impl Convex {
         (depth + self.radius).max(0.0)
     }
 
-    /// Whether it shares a point with the convex hull of the swept corners; touching counts.
+    /// Whether it shares a point with the convex hull of the swept corners, and with a part within; touching counts.
     pub(super) fn overlaps(&self, shape: &mut SweptCorners) -> bool {
         if beyond_an_edge(&self.points, &shape.corners, self.radius) {
             return false;
         }
-        let hull = shape.hull();
+        self.reaches_into(shape.hull()) && shape.parts.as_mut().is_none_or(|parts| parts.meet(self))
+    }
+
+    /// Whether it shares a point with the convex polygon `hull`; touching counts.
+    pub(super) fn overlaps_polygon(&self, hull: &[Local]) -> bool {
+        !beyond_an_edge(&self.points, hull, self.radius) && self.reaches_into(hull)
+    }
+
+    /// Whether it shares a point with the convex polygon, none of its own edges parting them.
+    fn reaches_into(&self, hull: &[Local]) -> bool {
         if beyond_an_edge(hull, &self.points, self.radius) {
             return false;
         }
@@ -104,11 +114,18 @@ pub(super) struct SweptCorners {
     hull: [Local; 9],
     /// Vertices of `hull`; 0 while it is not built.
     vertices: usize,
+    /// The vehicle's parts, when the footprint is only around them.
+    parts: Option<Box<SweptParts>>,
 }
 
 impl SweptCorners {
     pub(super) fn new(corners: [Local; 8]) -> Self {
-        Self { corners, hull: [Local::ZERO; 9], vertices: 0 }
+        Self { corners, hull: [Local::ZERO; 9], vertices: 0, parts: None }
+    }
+
+    /// The same for a vehicle whose parts decide where the footprint is met.
+    pub(super) fn with_parts(self, parts: Option<Box<SweptParts>>) -> Self {
+        Self { parts, ..self }
     }
 
     pub(super) fn hull(&mut self) -> &[Local] {
@@ -194,6 +211,11 @@ fn largest_gap(polygon: &[Local], points: &[Local]) -> f64 {
         from = to;
     }
     largest
+}
+
+/// Depth to which a point lies inside a convex counter-clockwise polygon, m; negative outside.
+pub(super) fn depth_of(polygon: &[Local], p: Local) -> f64 {
+    -largest_gap(polygon, &[p])
 }
 
 /// Distance between convex polygons, m, 0 if they overlap. Where they are apart, a vertex of one is nearest to an edge

@@ -18,8 +18,7 @@ use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 
 use super::convert::{Local, Origin};
-use super::convex::{Convex, SweptCorners, boxes_meet};
-use super::swept::{Body, Frame};
+use super::convex::{Convex, depth_of};
 use crate::geometry::Point;
 use crate::map::{Lanelet, RoadNetwork};
 
@@ -103,9 +102,9 @@ impl DrivableArea {
         self.tree.intersect_aabb(aabb).map(|leaf| &self.segments[leaf as usize])
     }
 
-    /// Whether the boundary meets the corners' hull.
-    pub(super) fn boundary_meets(&self, aabb: &Aabb, shape: &mut SweptCorners) -> bool {
-        self.near(aabb).any(|segment| boxes_meet(segment.aabb(), aabb) && segment.overlaps(shape))
+    /// The boundary segments.
+    pub(super) fn boundary(&self) -> &[Convex] {
+        &self.segments
     }
 
     /// Distance from a convex polygon with the given box to the boundary, `cap` at most, m.
@@ -113,15 +112,13 @@ impl DrivableArea {
         super::nearest(&self.tree, &self.segments, hull, aabb, cap)
     }
 
-    /// How far the rectangle leaves the surface, m; `None` if it does not. For corners outside: distance to the
-    /// surface. For boundary that pokes in between corners outside none: its depth in the rectangle.
-    pub(super) fn depth_outside(&self, body: &Body, frame: &Frame) -> Option<f64> {
+    /// How far a convex polygon (counter-clockwise) leaves the surface, m; `None` if it does not. For corners outside:
+    /// distance to the surface. For boundary that pokes in between corners outside none: its depth in the polygon.
+    pub(super) fn depth_outside(&self, corners: &[Local]) -> Option<f64> {
         /// Further off than this is said as this, m.
         const FAR: f64 = 100.0;
-        let corners = body.corners(frame);
-        let mut shape = SweptCorners::new([corners, corners].concat().try_into().unwrap_or([Local::ZERO; 8]));
-        let aabb = Aabb::from_points_ref(&corners);
-        let cut = self.boundary_meets(&aabb, &mut shape);
+        let aabb = Aabb::from_points_ref(corners);
+        let cut = self.near(&aabb).any(|segment| segment.overlaps_polygon(corners));
         let outside = |corner: &Local| {
             let here = Aabb::from_points_ref(&[*corner]);
             (!self.contains_local(*corner)).then(|| self.boundary_distance(&[*corner], &here, FAR))
@@ -130,7 +127,7 @@ impl DrivableArea {
         if !cut {
             return corner_depth;
         }
-        let poking = self.near(&aabb).flat_map(|s| s.points()).map(|p| body.depth_of(frame, *p)).fold(0.0, f64::max);
+        let poking = self.near(&aabb).flat_map(|s| s.points()).map(|p| depth_of(corners, *p)).fold(0.0, f64::max);
         Some(corner_depth.unwrap_or(poking))
     }
 }

@@ -1,12 +1,13 @@
 //! Where the vehicle can't be, and when: swept footprints against the road's edge, static and moving obstacles.
 //!
 //! **What it answers.** For an edge of the lattice: the first station at which the swept footprint meets something
-//! static or leaves the road ([`CollisionWorld::static_hit`]), and how far it stays away ([`CollisionWorld::clearance`]).
+//! static or leaves the road ([`CollisionWorld::static_hit`]), and how far it stays away ([`CollisionWorld::clearance`]);
+//! both without a sweep, coarse to fine, by [`CollisionWorld::probe`], which is what thousands of candidates need.
 //! For a chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
 //! For the start: what it already overlaps ([`CollisionWorld::start_overlap`]).
 //!
-//! **Technique.** Footprints are conservative: hulls of the rectangle at neighbouring sampled poses, grown by a bound
-//! from curvature and spacing (derived in [`swept`]). Predictions are hulls over slices of time ([`moving`]), the road
+//! **Technique.** Footprints are conservative: hulls of the vehicle's rectangle, or of each of its parts (`outline`), at
+//! neighbouring sampled poses, grown by a bound from curvature and spacing (derived in [`swept`]). Predictions are hulls over slices of time ([`moving`]), the road
 //! is the union of its lanelets ([`drivable`]). Broad phases are parry's bounding volume hierarchies, for what stays
 //! the same over a run, and boxes merged along the path, for the sweeps. The narrow phase is a separating-axis test.
 //! So there are no false negatives against the vehicle and obstacle motion that the map describes; false positives
@@ -18,14 +19,19 @@
 //! All poses are those of the rear axle, in world coordinates; times are seconds since time step 0 of the file.
 
 mod blocked;
+mod coarse;
 mod convert;
 mod convex;
+mod course;
 pub mod drivable;
 pub mod moving;
+mod outline;
 pub mod statics;
 pub mod swept;
+mod wide;
 
 pub use blocked::{BlockedGrid, BlockedInterval};
+pub use coarse::EdgeProbe;
 pub use drivable::DrivableArea;
 pub use moving::Predictions;
 pub use statics::{Allowance, Clearance, StaticHit, StaticWorld};
@@ -36,7 +42,8 @@ use parry2d::partitioning::Bvh;
 
 use self::convert::{Local, Origin};
 use self::convex::{Convex, box_distance};
-use self::swept::{Body, Frame};
+use self::outline::Outline;
+use self::swept::Frame;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::map::{Motion, Scenario};
@@ -57,6 +64,8 @@ pub struct CollisionSettings {
     pub moving_obstacles: Margins,
     /// Distance kept from the road's edge, m.
     pub road: f64,
+    /// Whether cells of an occupancy grid that nobody knows count as occupied.
+    pub unknown_is_occupied: bool,
 }
 
 impl Default for CollisionSettings {
@@ -67,6 +76,7 @@ impl Default for CollisionSettings {
             static_obstacles: Margins::uniform(0.2),
             moving_obstacles: Margins::uniform(0.3),
             road: 0.05,
+            unknown_is_occupied: false,
         }
     }
 }
@@ -120,6 +130,8 @@ impl CollisionSettings {
 pub enum Blocker {
     /// An obstacle, by its id in the file.
     Obstacle(i64),
+    /// A cell of the occupancy grid.
+    OccupiedCell,
     /// The edge of the road.
     RoadBoundary,
 }
@@ -137,7 +149,7 @@ pub struct Overlap {
 #[derive(Debug, Clone)]
 pub struct CollisionWorld {
     origin: Origin,
-    body: Body,
+    outline: Outline,
     settings: CollisionSettings,
     statics: StaticWorld,
     predictions: Predictions,
@@ -159,11 +171,17 @@ impl CollisionWorld {
         let origin = origin_of(scenario);
         Ok(Self {
             origin,
-            body: Body::new(vehicle),
+            outline: Outline::new(vehicle),
             settings: *settings,
             statics: StaticWorld::new(scenario, origin, settings),
             predictions: Predictions::new(&scenario.obstacles, origin, settings, horizon),
         })
+    }
+
+    /// Resolution and margins.
+    #[must_use]
+    pub fn settings(&self) -> &CollisionSettings {
+        &self.settings
     }
 
     /// The static part.
@@ -181,13 +199,26 @@ impl CollisionWorld {
     /// The swept footprint along a spiral.
     #[must_use]
     pub fn sweep(&self, start: &Pose, spiral: &CubicSpiral) -> Sweep {
-        Sweep::along(&self.origin, &self.body, &self.settings, &[(*start, *spiral)])
+        Sweep::along(&self.origin, &self.outline, &self.settings, &[(*start, *spiral)])
     }
 
     /// The swept footprint along a whole path.
     #[must_use]
     pub fn sweep_path(&self, path: &Path) -> Sweep {
-        Sweep::along(&self.origin, &self.body, &self.settings, &swept::pieces_of(path))
+        Sweep::along(&self.origin, &self.outline, &self.settings, &swept::pieces_of(path))
+    }
+
+    /// The check of a spiral against what does not move, coarse to fine and lazily: the answers of
+    /// [`CollisionWorld::static_hit_from_start`] and [`CollisionWorld::clearance`] without a [`Sweep`].
+    #[must_use]
+    pub fn probe(&self, start: &Pose, spiral: &CubicSpiral) -> EdgeProbe<'_> {
+        EdgeProbe::new(self, &[(*start, *spiral)])
+    }
+
+    /// [`CollisionWorld::probe`] of a whole path.
+    #[must_use]
+    pub fn probe_path(&self, path: &Path) -> EdgeProbe<'_> {
+        EdgeProbe::new(self, &swept::pieces_of(path))
     }
 
     /// The first cell that meets a static obstacle or leaves the road, margins included.
@@ -215,13 +246,22 @@ impl CollisionWorld {
         self.predictions.blocked(sweeps, from, to)
     }
 
-    /// What the vehicle, without margins, overlaps at a pose and a time: an obstacle before the road's edge.
+    /// What the vehicle, without margins, overlaps at a pose and a time: an obstacle before the road's edge; of several
+    /// parts of the vehicle, the one that is deeper in.
     #[must_use]
     pub fn start_overlap(&self, pose: &Pose, time: f64) -> Option<Overlap> {
         let frame = Frame::new(&self.origin.local_pose(pose));
-        let fixed = self.statics.overlap(&self.body, &frame);
-        let on_obstacle = fixed.filter(|o| matches!(o.what, Blocker::Obstacle(_)));
-        on_obstacle.or_else(|| self.predictions.overlap(&self.body.corners(&frame), time)).or(fixed)
+        let is_obstacle = |o: &Overlap| o.what != Blocker::RoadBoundary;
+        let mut worst: Option<Overlap> = None;
+        self.outline.for_each_part(&frame, |part| {
+            let fixed = self.statics.overlap(part);
+            let found = fixed.filter(is_obstacle).or_else(|| self.predictions.overlap(part, time)).or(fixed);
+            let rank = |o: Overlap| (is_obstacle(&o), o.depth);
+            if found.map(rank) > worst.map(rank) {
+                worst = found;
+            }
+        });
+        worst
     }
 }
 
@@ -238,9 +278,13 @@ fn origin_of(scenario: &Scenario) -> Origin {
     if scenario.network.lanelets.is_empty() { Origin::amid(poses.chain(starts)) } else { Origin::amid(bounds) }
 }
 
+/// Boxes are believed to be this much nearer than they are, m: so rounding decides nothing, and the least distance is the
+/// same in whatever order the pieces are asked.
+const ROUNDING: f64 = 1e-9;
+
 /// Distance from a convex polygon with the given box to the nearest piece, `cap` at most, m.
 fn nearest(tree: &Bvh, pieces: &[Convex], hull: &[Local], aabb: &Aabb, cap: f64) -> f64 {
-    let to_box = |node: &parry2d::partitioning::BvhNode, _| box_distance(&node.aabb(), aabb);
+    let to_box = |node: &parry2d::partitioning::BvhNode, _| box_distance(&node.aabb(), aabb) - ROUNDING;
     let to_piece = |leaf: u32, _| Some(pieces[leaf as usize].distance_to(hull));
     tree.find_best(cap, to_box, to_piece).map_or(cap, |(_, distance)| distance)
 }

@@ -136,7 +136,7 @@ impl Predictions {
 
     /// The slices from `first` to the horizon in which each cell of the sweep is blocked.
     fn runs(&self, sweep: &Sweep, first: usize) -> KeptRuns {
-        let mut bits = SliceBits::new(sweep.cells(), self.slices - first);
+        let mut bits = SliceBits::new(sweep.grid_cells(), self.slices - first);
         self.mark(sweep, first..self.slices, &mut bits);
         KeptRuns { of: Arc::clone(&self.identity), first, runs: bits.runs(first) }
     }
@@ -155,13 +155,14 @@ impl Predictions {
                 let slice = &track.slices[i];
                 let Some(aabb) = slice.aabb.filter(|_| wanted.contains(&j)) else { continue };
                 sweep.cells_near(&aabb, &slice.pieces, &self.margins, |cell| {
-                    if bits.is_set(cell, j - wanted.start) {
+                    let station_cell = sweep.grid_cell(cell);
+                    if bits.is_set(station_cell, j - wanted.start) {
                         return;
                     }
                     let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, &self.margins));
                     let reach = with_margins(sweep.boxes().cell(cell), &self.margins);
                     if slice.pieces.iter().any(|p| boxes_meet(p.aabb(), &reach) && p.overlaps(shape)) {
-                        bits.set(cell, j - wanted.start, chunk.track);
+                        bits.set(station_cell, j - wanted.start, chunk.track);
                     }
                 });
             }

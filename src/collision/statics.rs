@@ -1,4 +1,4 @@
-//! What does not move: static obstacles and the edge of the road.
+//! What does not move: static obstacles, occupied cells of a grid and the edge of the road.
 //!
 //! Convex pieces in parry's bounding volume hierarchies, one for the obstacles and one for the boundary segments, since
 //! each has its own margin. A sweep is asked block by block (eight cells): one query of the hierarchies for the block,
@@ -7,12 +7,16 @@
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
 
-use super::convert::Origin;
+use super::convert::{Local, Origin};
 use super::convex::{Convex, boxes_meet};
 use super::drivable::{DrivableArea, OUTSIDE};
-use super::swept::{Body, FAN, Frame, Margins, Sweep, with_margins};
+use super::swept::{FAN, Margins, Sweep, with_margins};
+use super::wide::WideTree;
 use super::{Blocker, CollisionSettings, Overlap};
-use crate::map::{Motion, Scenario};
+use crate::map::{Cell, Motion, Scenario};
+
+/// Cell limits between two poses at which the clearance is measured.
+pub(super) const STRIDE: usize = 4;
 
 /// The first cell of a sweep that meets something static.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,7 +25,7 @@ pub struct StaticHit {
     pub station: f64,
     /// The cell.
     pub cell: usize,
-    /// What is there; an obstacle before the road's edge, the lowest id first.
+    /// What is there; an obstacle before an occupied cell before the road's edge, the lowest id first.
     pub what: Blocker,
 }
 
@@ -53,11 +57,13 @@ pub struct Clearance {
 #[derive(Debug, Clone)]
 pub struct StaticWorld {
     road: DrivableArea,
-    /// Convex pieces, in order of the obstacles' ids.
+    /// Convex pieces: those of the obstacles in order of their ids, then those of the occupancy grid.
     pieces: Vec<Convex>,
-    /// Obstacle of each piece.
-    ids: Vec<i64>,
+    /// What each piece belongs to.
+    blockers: Vec<Blocker>,
     tree: Bvh,
+    /// Over the pieces and, numbered after them, the boundary's segments.
+    everything: WideTree,
     obstacle_margins: Margins,
     road_margins: Margins,
 }
@@ -72,13 +78,17 @@ impl StaticWorld {
             }
         }
         found.sort_by_key(|(id, _)| *id);
-        let (ids, pieces): (Vec<i64>, Vec<Convex>) = found.into_iter().unzip();
+        let found = found.into_iter().map(|(id, piece)| (Blocker::Obstacle(id), piece));
+        let cells = occupied(scenario, settings, &origin).into_iter().map(|piece| (Blocker::OccupiedCell, piece));
+        let (blockers, pieces): (Vec<Blocker>, Vec<Convex>) = found.chain(cells).unzip();
         let boxes: Vec<Aabb> = pieces.iter().map(|p| *p.aabb()).collect();
+        let road = DrivableArea::with_origin(&scenario.network, origin);
         Self {
-            road: DrivableArea::with_origin(&scenario.network, origin),
+            everything: WideTree::new(pieces.iter().chain(road.boundary()).map(|p| *p.aabb())),
+            road,
             tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
             pieces,
-            ids,
+            blockers,
             obstacle_margins: settings.static_obstacles,
             road_margins: Margins::uniform(settings.road + OUTSIDE),
         }
@@ -93,9 +103,10 @@ impl StaticWorld {
     /// The first cell in which the swept footprint, margins included, meets a static obstacle or leaves the road.
     #[must_use]
     pub fn first_hit(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
-        // the cells hang together: if no boundary meets them, all are inside as soon as one point is
+        // the cells of a part hang together: if no boundary meets them, all are inside as soon as one point is
         let first_judged = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
-        let stray = first_judged.filter(|i| !self.road.contains_local(sweep.frames()[*i].at));
+        let on_road = |i: usize| sweep.outline().all_parts(&sweep.frames()[i], |p| self.road.contains_local(p));
+        let stray = first_judged.filter(|i| !on_road(*i));
         let stray = stray.map(|i| i.min(sweep.cells() - 1));
         let hit = sweep
             .boxes()
@@ -129,7 +140,7 @@ impl StaticWorld {
             let mut corners = sweep.corners(cell, margins);
             let mut meets = |piece: &Convex| boxes_meet(piece.aabb(), &reach) && piece.overlaps(&mut corners);
             if let Some(hit) = obstacles.iter().find(|i| meets(&self.pieces[**i as usize])) {
-                return Some(StaticHit { station, cell, what: Blocker::Obstacle(self.ids[*hit as usize]) });
+                return Some(StaticHit { station, cell, what: self.blocker(*hit) });
             }
             if station < allowance.no_road_until {
                 return None;
@@ -142,35 +153,62 @@ impl StaticWorld {
         })
     }
 
-    /// Distance of the vehicle's rectangle (no margins) to static obstacles and to the road's edge, the least over the
+    /// The pieces of the obstacles, in order of their ids, and of the occupancy grid.
+    pub(super) fn obstacles(&self) -> &[Convex] {
+        &self.pieces
+    }
+
+    /// The hierarchy over the obstacles' pieces and, numbered after them, the boundary's segments.
+    pub(super) fn everything(&self) -> &WideTree {
+        &self.everything
+    }
+
+    /// What a piece of [`StaticWorld::obstacles`] belongs to.
+    pub(super) fn blocker(&self, piece: u32) -> Blocker {
+        self.blockers[piece as usize]
+    }
+
+    /// Margins to the obstacles and to the road's edge.
+    pub(super) fn margins(&self) -> (&Margins, &Margins) {
+        (&self.obstacle_margins, &self.road_margins)
+    }
+
+    /// Distance of the vehicle (no margins) to static obstacles and to the road's edge, the least over the
     /// poses at every fourth cell limit and the last one, each `cap` at most, m. Meant for costs, after
     /// [`StaticWorld::first_hit`] found nothing: between these poses it may be smaller by what a bend brings.
     #[must_use]
     pub fn clearance(&self, sweep: &Sweep, cap: f64) -> Clearance {
-        const STRIDE: usize = 4;
         let frames = sweep.frames();
         let mut least = Clearance { obstacle: cap, road: cap };
         for frame in frames.iter().step_by(STRIDE).chain(frames.last()) {
-            let corners = sweep.body().corners(frame);
-            let aabb = Aabb::from_points_ref(&corners);
-            least.obstacle = super::nearest(&self.tree, &self.pieces, &corners, &aabb, least.obstacle);
-            least.road = self.road.boundary_distance(&corners, &aabb, least.road);
+            sweep.outline().for_each_part(frame, |part| {
+                let aabb = Aabb::from_points_ref(part);
+                least.obstacle = super::nearest(&self.tree, &self.pieces, part, &aabb, least.obstacle);
+                least.road = self.road.boundary_distance(part, &aabb, least.road);
+            });
         }
         least
     }
 
-    /// The static obstacle or the part off the road that the bare rectangle overlaps most deeply.
-    pub(super) fn overlap(&self, body: &Body, frame: &Frame) -> Option<Overlap> {
-        let corners = body.corners(frame);
-        let aabb = Aabb::from_points_ref(&corners);
+    /// The static obstacle, else the edge of the road, that a part of the bare footprint overlaps.
+    pub(super) fn overlap(&self, part: &[Local]) -> Option<Overlap> {
+        let aabb = Aabb::from_points_ref(part);
         let mut hits: Vec<u32> = self.tree.intersect_aabb(&aabb).collect();
         hits.sort_unstable();
-        let hit = hits.into_iter().find(|i| self.pieces[*i as usize].distance_to(&corners) == 0.0);
+        let hit = hits.into_iter().find(|i| self.pieces[*i as usize].distance_to(part) == 0.0);
         if let Some(i) = hit {
-            let depth = self.pieces[i as usize].depth_in(&corners);
-            return Some(Overlap { what: Blocker::Obstacle(self.ids[i as usize]), depth });
+            let depth = self.pieces[i as usize].depth_in(part);
+            return Some(Overlap { what: self.blocker(i), depth });
         }
-        let depth = self.road.depth_outside(body, frame)?;
+        let depth = self.road.depth_outside(part)?;
         Some(Overlap { what: Blocker::RoadBoundary, depth })
     }
+}
+
+/// The occupied cells of the scenario's grid, as few rectangles.
+fn occupied(scenario: &Scenario, settings: &CollisionSettings, origin: &Origin) -> Vec<Convex> {
+    let Some(grid) = &scenario.occupancy else { return Vec::new() };
+    let wanted = |cell| cell == Cell::Occupied || settings.unknown_is_occupied && cell == Cell::Unknown;
+    let piece = |block| Convex::hull_of(grid.corners(&block).iter().map(|p| origin.local(*p)).collect(), 0.0);
+    grid.blocks(wanted).into_iter().filter_map(piece).collect()
 }

@@ -1,7 +1,7 @@
 //! The conservative swept footprint of a vehicle along a spiral or a path.
 //!
 //! # Technique
-//! The path is cut into cells of equal length, [`CollisionSettings::spacing`] at most. A cell's footprint is the convex
+//! Each spiral is cut into cells of equal length, [`CollisionSettings::spacing`] at most (`course`). A cell's footprint is the convex
 //! hull of the vehicle's rectangle at its two ends, each rectangle grown by ε on every side. As the hull of two
 //! rectangles grown by a disc is the hull of the grown rectangles, this contains everything within ε of the hull.
 //!
@@ -16,14 +16,15 @@
 //! A twice differentiable curve leaves the chord between its ends at s and s + h by at most h²/8 · max |X″| (the error
 //! of linear interpolation: the sagitta of the arc when X″ is constant). The chord lies in the hull of the two
 //! rectangles, hence ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (margins included) and with the largest
-//! |κ|, |κ′| of the cell. These are bounded by their values at the ends plus the same interpolation error,
-//! h²/8 · max |κ″| and h²/8 · |κ‴|, where κ″ is linear and κ‴ constant on a cubic spiral. The other points of the
-//! rectangle are convex combinations of its corners, so the bound for the corners is a bound for all.
+//! |κ|, |κ′| of the cell, which are bounded by their Bernstein coefficients on it. The other points of the rectangle
+//! are convex combinations of its corners, so the bound for the corners is a bound for all; of parts within the
+//! rectangle, too, each swept for itself (`outline`).
 //!
 //! # Weakness
-//! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. At the default spacing ε is 0.9 cm on a
-//! car's tightest circle (κ = 0.2 1/m) and 2 cm where κ′ = 0.1 1/m² comes on top; the footprint stays within 5 cm of
-//! what is covered for spirals with knots up to 0.12 1/m (tested). It grows with the square of the spacing.
+//! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. Where both together come to a tenth of the
+//! spacing, the spiral is cut into shorter cells. So at the default spacing a footprint reaches at most 5 cm beyond
+//! what is covered on curvatures up to 0.2 1/m with changes up to 0.1 1/m² (tested: 3.8 cm). The excess of other spacings
+//! goes with the spacing.
 
 use std::sync::OnceLock;
 
@@ -32,14 +33,16 @@ use parry2d::bounding_volume::Aabb;
 use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
 use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
+use super::course::Course;
 use super::moving::KeptRuns;
+use super::outline::Outline;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
 /// Added to every footprint, m: covers the rounding of the overlap tests and the quadrature error of the spiral's
-/// position, both below 1e-8 m, and touching counts as overlap.
+/// position, both below 1e-7 m, and touching counts as overlap.
 pub(super) const SKIN: f64 = 1e-6;
 
 /// Distances kept from obstacles, in the vehicle's own directions, m.
@@ -68,7 +71,7 @@ impl Margins {
     }
 }
 
-/// The vehicle's rectangle in the rear-axle frame, m.
+/// The vehicle's rectangle, or the one around its parts, in the rear-axle frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Body {
     rear: f64,
@@ -78,8 +81,14 @@ pub(super) struct Body {
 
 impl Body {
     pub(super) fn new(vehicle: &Vehicle) -> Self {
-        let [rear_right, _, front_left, _] = vehicle.footprint();
+        let [rear_right, _, front_left, _] = vehicle.footprint.bounding_rectangle();
         Self { rear: rear_right.x, front: front_left.x, half_width: front_left.y }
+    }
+
+    /// From its reach behind (negative) and ahead of the rear axle and its half width, m.
+    #[cfg(test)]
+    pub(super) fn of_rectangle(rear: f64, front: f64, half_width: f64) -> Self {
+        Self { rear, front, half_width }
     }
 
     /// Grown by the margins and by `slack` on every side.
@@ -108,8 +117,13 @@ impl Body {
         Aabb { mins: centre - extent, maxs: centre + extent }
     }
 
+    /// How far it reaches behind and ahead of the rear axle, m.
+    pub(super) fn overhangs(&self) -> (f64, f64) {
+        (self.rear.abs(), self.front.abs())
+    }
+
     /// Upper bound of |X″| over the rectangle (module docs), 1/m.
-    fn bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
+    pub(super) fn bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
         let (x, y) = (self.front.abs().max(self.rear.abs()), self.half_width);
         let (k, k1) = (curvature, curvature_rate);
         let (along, across) = (k1 * y + k * k * x, k + k1 * x + k * k * y);
@@ -117,11 +131,9 @@ impl Body {
         (along * along + across * across).sqrt()
     }
 
-    /// Depth to which a point lies inside the rectangle, m; negative outside.
-    pub(super) fn depth_of(&self, frame: &Frame, p: Local) -> f64 {
-        let d = p - frame.at;
-        let (x, y) = (d.dot(frame.forward), frame.forward.perp_dot(d));
-        (x - self.rear).min(self.front - x).min(self.half_width - y.abs())
+    /// Depth to which the rear axle lies inside the rectangle, m; negative outside.
+    pub(super) fn depth_of_rear_axle(&self) -> f64 {
+        self.front.min(-self.rear)
     }
 }
 
@@ -138,6 +150,11 @@ impl Frame {
         let (sin, cos) = local.yaw.sin_cos();
         Self { at: vector(local.position), forward: Local::new(cos, sin) }
     }
+
+    /// A point of the rear-axle frame, relative to the origin.
+    pub(super) fn to_world(self, p: Local) -> Local {
+        self.at + self.forward * p.x + self.forward.perp() * p.y
+    }
 }
 
 /// A swept footprint, cut into cells by station. Cell `i` is what the vehicle covers while its rear axle is anywhere
@@ -146,6 +163,8 @@ impl Frame {
 pub struct Sweep {
     /// Cell limits, m from the start; one more than there are cells.
     stations: Vec<f64>,
+    /// Limits of the station cells, m from the start, and which of them each cell is in.
+    station_cells: (Vec<f64>, Vec<u32>),
     frames: Vec<Frame>,
     /// ε of each cell, [`SKIN`] included, m.
     slack: Vec<f64>,
@@ -153,7 +172,7 @@ pub struct Sweep {
     boxes: BoxTree,
     /// Turned boxes around [`FAN`] cells each, without margins.
     slats: Vec<Slat>,
-    body: Body,
+    outline: Outline,
     origin: Origin,
     /// What moving obstacles block, once somebody asked.
     kept_runs: OnceLock<KeptRuns>,
@@ -162,44 +181,27 @@ pub struct Sweep {
 impl Sweep {
     pub(super) fn along(
         origin: &Origin,
-        body: &Body,
+        outline: &Outline,
         settings: &CollisionSettings,
         pieces: &[(Pose, CubicSpiral)],
     ) -> Self {
+        let body = outline.body();
         let widest = body.grown(&settings.widest(), 0.0);
-        let most: usize =
-            1 + pieces.iter().map(|(_, spiral)| cells_for(spiral.length, settings.spacing)).sum::<usize>();
-        let (mut stations, mut frames) = (Vec::with_capacity(most), Vec::with_capacity(most));
-        let mut slack = Vec::with_capacity(most);
-        let mut before = 0.0;
-        for (start, spiral) in pieces {
-            let cells = cells_for(spiral.length, settings.spacing);
-            let h = spiral.length / cells as f64;
-            let bending = Bending::new(spiral);
-            let mut last: Option<(f64, f64)> = None;
-            for (s, point) in spiral.samples(&origin.local_pose(start), cells) {
-                let now = (point.curvature.abs(), point.curvature_rate.abs());
-                if let Some(then) = last {
-                    let (k, k1) = bending.bounds(then, now, h);
-                    slack.push(SKIN + 0.125 * h * h * widest.bend(k, k1));
-                } else if !frames.is_empty() {
-                    // the pieces join: this is the frame that the piece before ended with
-                    last = Some(now);
-                    continue;
-                }
-                stations.push(before + s);
-                frames.push(Frame::new(&point.pose));
-                last = Some(now);
-            }
-            before += spiral.length;
-        }
+        let mut course = Course::new(origin, (body, widest), settings.spacing, pieces);
+        let cells = course.cells();
+        let stations: Vec<f64> = (0..=cells).map(|limit| course.station(limit)).collect();
+        let frames: Vec<Frame> = (0..=cells).map(|limit| course.frame(limit)).collect();
+        let slack: Vec<f64> = (0..cells).map(|cell| course.cell_slack(cell)).collect();
         let boxes = frames.windows(2).zip(&slack).map(|(ends, slack)| {
             let body = body.grown(&Margins::NONE, *slack);
             merged(&body.aabb(&ends[0]), &body.aabb(&ends[1]))
         });
         let boxes = BoxTree::new(boxes.collect());
         let slats = slats_of(body, &frames, &slack);
-        Self { stations, frames, slack, boxes, slats, body: *body, origin: *origin, kept_runs: OnceLock::new() }
+        let outline = outline.clone();
+        let station_cells = course.station_cells();
+        let (origin, kept_runs) = (*origin, OnceLock::new());
+        Self { stations, station_cells, frames, slack, boxes, slats, outline, origin, kept_runs }
     }
 
     /// Number of cells, at least one.
@@ -214,13 +216,30 @@ impl Sweep {
         &self.stations
     }
 
+    /// Limits of the station cells that the blocked grid is made of, m from the start: the spacing apart, or less by
+    /// rounding to the spirals' lengths. A station cell is one cell or, in tight bends, several.
+    pub(super) fn grid_stations(&self) -> &[f64] {
+        &self.station_cells.0
+    }
+
+    /// Number of station cells.
+    pub(super) fn grid_cells(&self) -> usize {
+        self.station_cells.0.len() - 1
+    }
+
+    /// The station cell that a cell is in.
+    pub(super) fn grid_cell(&self, cell: usize) -> usize {
+        self.station_cells.1[cell] as usize
+    }
+
     /// Length of the path swept, m.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.stations[self.stations.len() - 1]
     }
 
-    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell.
+    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell. For a
+    /// vehicle of several parts that of the rectangle around them: see [`Sweep::part_footprints`].
     #[must_use]
     pub fn footprint(&self, cell: usize, margins: &Margins) -> Vec<Point> {
         if cell >= self.cells() {
@@ -229,11 +248,27 @@ impl Sweep {
         self.corners(cell, margins).hull().iter().map(|p| self.origin.world(*p)).collect()
     }
 
+    /// The footprints of all parts of the vehicle in a cell, as [`Sweep::footprint`]: what is checked.
+    #[must_use]
+    pub fn part_footprints(&self, cell: usize, margins: &Margins) -> Vec<Vec<Point>> {
+        if cell >= self.cells() {
+            return Vec::new();
+        }
+        let world = |hull: Convex| hull.points().iter().map(|p| self.origin.world(*p)).collect();
+        let ends = [self.frames[cell], self.frames[cell + 1]];
+        match self.outline.swept(ends, margins, self.slack[cell]) {
+            Some(parts) => parts.hulls().map(world).collect(),
+            None => vec![self.footprint(cell, margins)],
+        }
+    }
+
     pub(super) fn corners(&self, cell: usize, margins: &Margins) -> SweptCorners {
-        let body = self.body.grown(margins, self.slack[cell]);
-        let [a, b, c, d] = body.corners(&self.frames[cell]);
-        let [e, f, g, h] = body.corners(&self.frames[cell + 1]);
-        SweptCorners::new([a, b, c, d, e, f, g, h])
+        let body = self.outline.body().grown(margins, self.slack[cell]);
+        let ends = [self.frames[cell], self.frames[cell + 1]];
+        let [a, b, c, d] = body.corners(&ends[0]);
+        let [e, f, g, h] = body.corners(&ends[1]);
+        let parts = self.outline.swept(ends, margins, self.slack[cell]);
+        SweptCorners::new([a, b, c, d, e, f, g, h]).with_parts(parts)
     }
 
     pub(super) fn kept_runs(&self) -> &OnceLock<KeptRuns> {
@@ -244,8 +279,8 @@ impl Sweep {
         &self.frames
     }
 
-    pub(super) fn body(&self) -> &Body {
-        &self.body
+    pub(super) fn outline(&self) -> &Outline {
+        &self.outline
     }
 
     pub(super) fn boxes(&self) -> &BoxTree {
@@ -272,40 +307,6 @@ impl Sweep {
 /// The pieces of a path, as [`Sweep::along`] wants them.
 pub(super) fn pieces_of(path: &Path) -> Vec<(Pose, CubicSpiral)> {
     path.pieces().map(|(_, start, spiral)| (*start, *spiral)).collect()
-}
-
-/// Cells of equal length, `spacing` at most.
-fn cells_for(length: f64, spacing: f64) -> usize {
-    /// A length that is a multiple of the spacing but for rounding gets no extra cell.
-    const ROUNDING: f64 = 1e-9;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of cells
-    let cells = (length / spacing - ROUNDING).ceil().max(1.0) as usize;
-    cells
-}
-
-/// Second and third derivative of the curvature of a cubic spiral by arc length.
-struct Bending {
-    /// Largest |κ″| on the spiral, 1/m³.
-    second: f64,
-    /// |κ‴|, 1/m⁴.
-    third: f64,
-}
-
-impl Bending {
-    fn new(spiral: &CubicSpiral) -> Self {
-        let [a, b, c, d] = spiral.knots;
-        let step = spiral.length / 3.0;
-        // the knots are equidistant: third difference, and the second differences extrapolated to both ends
-        let third = d - 3.0 * c + 3.0 * b - a;
-        let (first, last) = (c - 2.0 * b + a - third, d - 2.0 * c + b + third);
-        Self { second: first.abs().max(last.abs()) / step.powi(2), third: third.abs() / step.powi(3) }
-    }
-
-    /// Bounds of |κ| and |κ′| over a cell of length `h` from their values at its ends.
-    fn bounds(&self, from: (f64, f64), to: (f64, f64), h: f64) -> (f64, f64) {
-        let error = 0.125 * h * h;
-        (from.0.max(to.0) + error * self.second, from.1.max(to.1) + error * self.third)
-    }
 }
 
 /// Boxes of consecutive cells, merged eight by eight into levels: a bounding volume hierarchy that needs no building,

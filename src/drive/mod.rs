@@ -256,7 +256,9 @@ impl<'a> Run<'a> {
         if starts_in_contact {
             self.reason = Some("start_in_collision");
         } else if !self.is_ever_proven() {
-            self.reason = Some("no_proven_plan");
+            // no path at all, or paths and no proof on any
+            let no_edge = self.cycles.iter().all(|c| c.candidates.is_empty());
+            self.reason = Some(if no_edge { "no_feasible_edge" } else { "no_proven_plan" });
         }
     }
 

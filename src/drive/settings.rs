@@ -44,6 +44,13 @@ pub struct SettingsError {
     pub expected: &'static str,
 }
 
+/// A path may be moved sideways by less than the narrowest vehicle is wide, m: probes on both sides then see what is
+/// between them.
+const WIDEST_CORRIDOR: f64 = 1.0;
+
+/// Edges of a lattice at most: a cycle looks at a good part of them.
+const MOST_EDGES: f64 = 1e5;
+
 impl Settings {
     /// Checks every value's range.
     ///
@@ -52,7 +59,7 @@ impl Settings {
     pub fn validate(&self) -> Result<(), SettingsError> {
         let p = &self.planner;
         let l = &p.lattice;
-        let positive: [(&'static str, f64); 17] = [
+        let positive: [(&'static str, f64); 18] = [
             ("run.replan_interval", self.run.replan_interval),
             ("run.longest", self.run.longest),
             ("run.rest", self.run.rest),
@@ -68,6 +75,7 @@ impl Settings {
             ("planner.lattice.shortest_edge", l.shortest_edge),
             ("planner.lattice.edge_time", l.edge_time),
             ("planner.lattice.longest_edge", l.longest_edge),
+            ("planner.lattice.most_turn", l.most_turn),
             ("planner.lattice.offset_spacing", l.offset_spacing),
             ("planner.lattice.steepest", l.steepest),
         ];
@@ -76,7 +84,13 @@ impl Settings {
                 return Err(SettingsError { field, value, expected: "positive and finite" });
             }
         }
+        let corridor = p.refinement.corridor;
+        if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
+            let (field, expected) = ("planner.refinement.corridor", "positive, and at most 1 m");
+            return Err(SettingsError { field, value: corridor, expected });
+        }
         let not_negative = [
+            ("planner.refinement.least_gain", p.refinement.least_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
             ("planner.lattice.offset_limit", l.offset_limit),
@@ -85,6 +99,10 @@ impl Settings {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(SettingsError { field, value, expected: "zero or more, and finite" });
             }
+        }
+        // costs are compared in millionths: larger weights would make all of them equal
+        if let Some((field, value)) = l.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
+            return Err(SettingsError { field, value, expected: "at most 1e6" });
         }
         if l.longest_edge < l.shortest_edge {
             let expected = "at least planner.lattice.shortest_edge";
@@ -110,6 +128,7 @@ impl Settings {
             ("planner.lattice.layers", l.layers as f64, "1 to 20", 20.0),
             ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1000.0),
             ("planner.expansions", self.planner.expansions as f64, "1 to 10000000", 1e7),
+            ("planner.refinement.iterations", self.planner.refinement.iterations as f64, "1 to 100", 100.0),
             ("planner.longest_horizon", self.planner.longest_horizon, "1 to 1000 m", 1000.0),
             ("run.longest", self.run.longest, "1 to 3600 s", 3600.0),
         ];
@@ -118,9 +137,28 @@ impl Settings {
                 return Err(SettingsError { field, value, expected });
             }
         }
+        // edges between two layers go from every node to every node
+        let nodes = (2.0 * (l.offset_limit / l.offset_spacing).floor() + 1.0) * l.headings.len() as f64;
+        let edges = nodes * nodes * l.layers as f64;
+        if edges > MOST_EDGES {
+            let expected = "at most 100000: more offset_spacing, fewer headings or layers";
+            return Err(SettingsError {
+                field: "planner.lattice: edges, (offsets × headings)² × layers,",
+                value: edges,
+                expected,
+            });
+        }
+        if !(1..=9).contains(&l.headings.len()) {
+            let value = l.headings.len() as f64;
+            return Err(SettingsError { field: "planner.lattice.headings", value, expected: "1 to 9 headings" });
+        }
+        if let Some(&value) = l.headings.iter().find(|h| h.is_nan() || h.abs() > 1.0) {
+            return Err(SettingsError { field: "planner.lattice.headings", value, expected: "-1 to 1 rad" });
+        }
         let shares = [
             ("planner.lateral_share", self.planner.lateral_share),
             ("planner.stopping_share", self.planner.stopping_share),
+            ("planner.refinement.least_gain", self.planner.refinement.least_gain),
         ];
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
             return Err(SettingsError { field, value, expected: "at most 1" });
@@ -141,6 +179,9 @@ impl Settings {
     }
 }
 
+/// Largest weight of a cost term.
+const LARGEST_WEIGHT: f64 = 1e6;
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,8 +199,40 @@ mod tests {
         wrong.planner.lattice.weights.offset = -1.0;
         assert_eq!(wrong.validate().unwrap_err().field, "planner.lattice.weights.offset");
         let mut wrong = Settings::default();
+        wrong.planner.refinement.corridor = 1.5;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.corridor");
+        let mut wrong = Settings::default();
+        wrong.planner.refinement.iterations = 0;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.iterations");
+        let mut wrong = Settings::default();
+        wrong.planner.refinement.least_gain = f64::NAN;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.least_gain");
+        let mut wrong = Settings::default();
         wrong.run.replan_interval = 1e-9;
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
+    }
+
+    #[test]
+    fn every_weight_is_checked() {
+        for (name, _) in crate::lattice::Weights::default().named() {
+            for wrong in ["-0.001", "nan", "inf", "1.1e6"] {
+                let (table, key) = name.rsplit_once('.').unwrap();
+                let settings: Settings = toml::from_str(&format!("[{table}]\n{key} = {wrong}")).unwrap();
+                assert_eq!(settings.validate().map_err(|e| e.field), Err(name), "{name} = {wrong}");
+            }
+            let (table, key) = name.rsplit_once('.').unwrap();
+            let off: Settings = toml::from_str(&format!("[{table}]\n{key} = 0.0")).unwrap();
+            assert_eq!(off.validate(), Ok(()), "{name} = 0 switches a term off");
+        }
+    }
+
+    #[test]
+    fn a_lattice_of_too_many_edges_is_refused_though_each_of_its_counts_is_allowed() {
+        let headings = "headings = [-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2]";
+        let settings: Settings = toml::from_str(&format!("[planner.lattice]\n{headings}")).unwrap();
+        assert!(settings.validate().unwrap_err().to_string().contains("edges"));
+        let fewer: Settings = toml::from_str("[planner.lattice]\nheadings = [-0.1, 0.0, 0.1]").unwrap();
+        assert_eq!(fewer.validate(), Ok(()));
     }
 
     #[test]

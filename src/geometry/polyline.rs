@@ -112,8 +112,11 @@ impl Polyline {
     /// As [`Self::project`], among the segments that touch the stations `from`…`to` (at least one is tried).
     #[must_use]
     pub fn project_between(&self, p: Point, from: f64, to: f64) -> Projection {
+        /// Rounding of distances, m.
+        const ROUNDING: f64 = 1e-6;
         let mut best = Projection { station: 0.0, offset: f64::INFINITY, foot: self.points[0] };
-        for i in self.segment_at(from)..=self.segment_at(to) {
+        let (mut i, last) = (self.segment_at(from), self.segment_at(to));
+        while i <= last {
             let length = self.stations[i + 1] - self.stations[i];
             let direction = self.direction(i);
             let along = (p - self.points[i]).dot(&direction).clamp(0.0, length);
@@ -122,6 +125,12 @@ impl Polyline {
             if distance < best.offset.abs() {
                 let side = if cross(direction, p - self.points[i]) < 0.0 { -1.0 } else { 1.0 };
                 best = Projection { station: self.stations[i] + along, offset: side * distance, foot };
+            }
+            // nothing nearer can come before the line has gone the difference
+            let nearer_from = self.stations[i + 1] + (p - self.points[i + 1]).norm() - best.offset.abs() - ROUNDING;
+            i += 1;
+            while i < last && self.stations[i + 1] < nearer_from {
+                i += 1;
             }
         }
         best
@@ -182,6 +191,24 @@ mod tests {
         assert_eq!((p.station, p.offset), (4.0, -1.5));
         let p = corner().project(Point::new(9.0, 4.0));
         assert_eq!((p.station, p.offset), (14.0, 1.0));
+    }
+
+    #[test]
+    fn the_segments_left_out_never_hold_the_foot() {
+        // a way that winds and comes near itself
+        let at = |i: i32| {
+            let a = 0.05 * f64::from(i);
+            Point::new(10.0 * a.sin() + 3.0 * (2.3 * a).cos(), 8.0 * (1.3 * a).sin())
+        };
+        let line = Polyline::new((0..300).map(at)).unwrap();
+        for k in 0..400 {
+            let p = Point::new(0.07 * f64::from(k) - 14.0, 9.0 * (0.37 * f64::from(k)).sin());
+            let found = line.project(p);
+            let one_by_one = (line.points().windows(2))
+                .map(|w| Polyline::new(w.iter().copied()).unwrap().project(p).offset.abs())
+                .fold(f64::INFINITY, f64::min);
+            assert!((found.offset.abs() - one_by_one).abs() < 1e-12, "{} against {one_by_one}", found.offset);
+        }
     }
 
     #[test]

@@ -6,4 +6,5 @@
 pub mod commonroad;
 pub mod csv;
 pub mod files;
+pub mod ros_map;
 pub mod solution;

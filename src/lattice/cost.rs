@@ -16,7 +16,7 @@ pub struct Weights {
     pub lane: f64,
     /// Per metre missing to the horizon where the way is blocked.
     pub missing: f64,
-    /// Per metre of lateral distance to the committed path.
+    /// Per metre of the largest lateral distance to the plan in force: the price of leaving it.
     pub switching: f64,
     /// Per lane change still needed to stay on the route.
     pub lane_change: f64,
@@ -71,7 +71,7 @@ pub struct CostTerms {
     pub lane: f64,
     /// Way missing to the horizon.
     pub missing: f64,
-    /// Leaving the committed path.
+    /// Leaving the plan in force.
     pub switching: f64,
     /// Lane changes to go.
     pub lane_change: f64,
@@ -80,6 +80,21 @@ pub struct CostTerms {
 }
 
 impl CostTerms {
+    /// Every term with its name in reports.
+    #[must_use]
+    pub fn named(&self) -> [(&'static str, f64); 8] {
+        [
+            ("offset", self.offset),
+            ("bending", self.bending),
+            ("clearance", self.clearance),
+            ("lane", self.lane),
+            ("missing", self.missing),
+            ("switching", self.switching),
+            ("lane_change", self.lane_change),
+            ("delay", self.delay),
+        ]
+    }
+
     /// The sum of all terms.
     #[must_use]
     pub fn total(&self) -> f64 {
@@ -121,4 +136,53 @@ impl CostTerms {
 #[allow(clippy::cast_possible_truncation)] // saturates far above any cost of a path
 pub fn rank(cost: f64) -> i64 {
     (cost * 1e6).round() as i64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(value: &impl serde::Serialize) -> Vec<String> {
+        serde_json::to_value(value).unwrap().as_object().unwrap().keys().cloned().collect()
+    }
+
+    fn sorted<'a>(names: impl IntoIterator<Item = &'a str>) -> Vec<String> {
+        let mut names: Vec<String> = names.into_iter().map(str::to_owned).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn every_weight_and_every_term_is_named_and_every_term_has_its_weight() {
+        let weights = Weights::default();
+        let names = weights.named().map(|(name, _)| name.strip_prefix("planner.lattice.weights.").unwrap());
+        assert_eq!(sorted(names), sorted(keys(&weights).iter().map(String::as_str)));
+        let terms = CostTerms::default();
+        assert_eq!(sorted(terms.named().map(|t| t.0)), sorted(keys(&terms).iter().map(String::as_str)));
+        assert!(terms.named().iter().all(|(term, _)| names.contains(term)));
+    }
+
+    #[test]
+    fn the_total_is_the_sum_of_the_named_terms_and_sums_go_term_by_term() {
+        let mut terms = CostTerms::default();
+        for (i, term) in [
+            &mut terms.offset,
+            &mut terms.bending,
+            &mut terms.clearance,
+            &mut terms.lane,
+            &mut terms.missing,
+            &mut terms.switching,
+            &mut terms.lane_change,
+            &mut terms.delay,
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            *term = f64::from(1 << i);
+        }
+        assert_eq!(terms.total(), 255.0);
+        assert_eq!(terms.named().map(|t| t.1).iter().sum::<f64>(), 255.0);
+        assert_eq!(terms.plus(&terms).named().map(|t| t.1), terms.named().map(|t| 2.0 * t.1));
+        assert_eq!((rank(1.0), rank(1.0 + 4e-7), terms.rank()), (1_000_000, 1_000_000, 255_000_000));
+    }
 }

@@ -1,27 +1,37 @@
 //! The conformal lattice: spiral edges between nodes at stations × lateral offsets of a reference line.
 //!
-//! Nodes lie at fixed stations of the reference line (multiples of [`Settings::grid`]), so that consecutive cycles share
-//! their nodes, edges and collision checks; heading and curvature of a node are those of the reference line at its
-//! offset, κ_l = κ/(1 − κ l) (McNaughton et al. 2011). Only the first edges, from where the vehicle is, are new in every
-//! cycle. The cheapest chain of free edges to each end node comes out of dynamic programming over the layers; where
+//! Nodes lie in layers at fixed stations of the reference line, so that consecutive cycles share their nodes, edges and
+//! collision checks; heading and curvature of a node are those of the reference line at its offset, κ_l = κ/(1 − κ l)
+//! (McNaughton et al. 2011). Only the first edges, from where the vehicle is, are new in every cycle. The cheapest chains
+//! come out of dynamic programming over the layers, which checks for collision only the edges it is about to use; where
 //! the way is blocked, chains end in front of what blocks them.
 //!
 //! Where the curvature bound bites on the way from the vehicle, an edge may end beside its node: a convex program slides
 //! its end as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
 //!
-//! Weak spots: one heading and curvature per node; edges that the vehicle could only just drive may be missed.
+//! Weak spots: one curvature per node and, unless [`Settings::headings`] has more, one heading; edges that the vehicle
+//! could only just drive may be missed. A change of speed that changes the distance between layers makes all edges new.
+//! The lattice knows no speed: what it hands out as cheapest may all be too sharp for the speed driven, at a change of lanes
+//! most of all, and the speed layer then has nothing to choose from.
 
 mod cost;
+mod counts;
 mod edges;
+mod layers;
+pub mod refine;
+mod search;
+mod store;
 
 pub use cost::{CostTerms, Weights, rank};
-pub use edges::{Edge, EdgeStore};
+pub use counts::EdgeCounts;
+pub(crate) use edges::OFFSET_SATURATES;
+pub use store::EdgeStore;
 
 use std::sync::Arc;
 
 use crate::collision::{Allowance, Blocker, CollisionWorld, Sweep};
 use crate::geometry::Pose;
-use crate::geometry::spiral::CubicSpiral;
+use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::reference::ReferenceLine;
 use crate::trajectory::Path;
 
@@ -33,10 +43,12 @@ pub struct Settings {
     pub grid: f64,
     /// Shortest first edge, m.
     pub shortest_edge: f64,
-    /// Time that the first edge should last at the present speed, s.
+    /// Time that an edge should last at the present speed, s.
     pub edge_time: f64,
     /// Longest edge, m.
     pub longest_edge: f64,
+    /// Layers lie closer where the reference line turns by more than this between two of them, rad.
+    pub most_turn: f64,
     /// Largest number of layers.
     pub layers: usize,
     /// Number of layers that edges from the root reach directly.
@@ -45,6 +57,8 @@ pub struct Settings {
     pub offset_spacing: f64,
     /// Largest lateral offset on either side, m.
     pub offset_limit: f64,
+    /// Headings of the nodes relative to the reference line's, rad.
+    pub headings: Vec<f64>,
     /// Steepest edge: lateral by longitudinal distance.
     pub steepest: f64,
     /// Number of candidate paths handed to the speed layer.
@@ -60,10 +74,12 @@ impl Default for Settings {
             shortest_edge: 8.0,
             edge_time: 1.6,
             longest_edge: 40.0,
-            layers: 8,
+            most_turn: 0.6,
+            layers: 12,
             root_layers: 3,
             offset_spacing: 0.5,
             offset_limit: 4.0,
+            headings: vec![0.0],
             steepest: 0.35,
             candidates: 12,
             weights: Weights::default(),
@@ -91,6 +107,8 @@ pub struct Root {
 pub struct LatticePath {
     /// The path, from the vehicle on.
     pub path: Path,
+    /// How many spirals at its start belong to the committed path.
+    pub kept: usize,
     /// Swept footprints of its edges, in order.
     pub sweeps: Vec<Arc<Sweep>>,
     /// How far the rear axle may come on it, m.
@@ -118,7 +136,16 @@ pub struct Ground<'a> {
     pub half_width: f64,
 }
 
-/// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most.
+/// What a search found.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// Cheapest first; none is an outcome, whose reasons `counts` tells.
+    pub paths: Vec<LatticePath>,
+    /// What became of the edges.
+    pub counts: EdgeCounts,
+}
+
+/// The paths of [`search`].
 #[must_use]
 pub fn paths(
     ground: &Ground<'_>,
@@ -128,292 +155,60 @@ pub fn paths(
     settings: &Settings,
     store: &mut EdgeStore,
 ) -> Vec<LatticePath> {
-    let question = edges::Question { root: root.clone(), speed, horizon };
+    search(ground, root, speed, horizon, settings, store).paths
+}
+
+/// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most,
+/// with what became of the edges looked at.
+#[must_use]
+pub fn search(
+    ground: &Ground<'_>,
+    root: &Root,
+    speed: f64,
+    horizon: f64,
+    settings: &Settings,
+    store: &mut EdgeStore,
+) -> Found {
+    let question = store::Question { root: root.clone(), speed, horizon };
     if let Some(answer) = store.answers.get(&question) {
         return answer;
     }
-    let here = ground.reference.project(root.start.position).s;
-    store.forget_before(here - FORGOTTEN_BEHIND, settings);
-    let stations = layer_stations(ground, root, speed, horizon, settings);
-    let chains = Chains::build(ground, root, &stations, settings, store);
-    let answer = chains.map_or_else(Vec::new, |chains| chains.candidates(ground, root, horizon, settings));
+    store.forget_before(ground.reference.project(root.start.position).s - FORGOTTEN_BEHIND, settings);
+    let here = ground.reference.project(root.pose.position).s;
+    let stations = layers::ahead(ground.reference, here, speed, horizon, settings);
+    let answer = search::Search::new(ground, root, &stations, horizon, settings, store).run();
     store.answers.keep(question, &answer);
     answer
 }
 
-/// Station indices (multiples of the grid) of the layers ahead of the root.
-fn layer_stations(ground: &Ground<'_>, root: &Root, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
-    let here = ground.reference.project(root.pose.position).s;
-    let edge = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
-    // whole grid steps, at least one
-    let stride = (edge / settings.grid).round().max(1.0) * settings.grid;
-    let end = (here + horizon).min(ground.reference.length());
-    let mut layers = Vec::new();
-    #[allow(clippy::cast_possible_truncation)] // stations are far below 2⁵³ grid steps
-    let mut index = ((here + edge) / settings.grid - ON_GRID).ceil() as i64;
-    #[allow(clippy::cast_possible_truncation)]
-    let stride = (stride / settings.grid) as i64;
-    while layers.len() < settings.layers && index as f64 * settings.grid <= end + ON_GRID {
-        layers.push(index);
-        index += stride;
-    }
-    if layers.is_empty() {
-        // less than one edge of road left: the last grid station there is
-        #[allow(clippy::cast_possible_truncation)]
-        let last = (end / settings.grid).floor() as i64;
-        if last as f64 * settings.grid > here + 1.0 {
-            layers.push(last);
-        }
-    }
-    layers
-}
-
-/// Edges and the best way to reach each node, layer by layer.
-struct Chains {
-    /// All edges tried, with the label of the chain that leads to their start.
-    labels: Vec<Label>,
-    /// Labels that end a candidate: at the last layer or in front of something.
-    ends: Vec<usize>,
-}
-
-/// The best chain to the end of an edge.
-struct Label {
-    edge: Arc<Edge>,
-    before: Option<usize>,
-    terms: CostTerms,
-    /// Length from the root to the end of the free part of the edge, m.
-    free_length: f64,
-    first_offset: f64,
-}
-
-impl Chains {
-    fn build(
-        ground: &Ground<'_>,
-        root: &Root,
-        stations: &[i64],
-        settings: &Settings,
-        store: &mut EdgeStore,
-    ) -> Option<Self> {
-        let first = *stations.first()?;
-        let mut chains = Self { labels: Vec::new(), ends: Vec::new() };
-        let offsets = offsets(settings);
-        let root_edges = |store: &mut EdgeStore, station| {
-            // who starts off the road, or inside a margin, may pass over nodes that are off it
-            let all = vec![true; offsets.len()];
-            let on_road = root.allowance == Allowance::NONE;
-            let nodes = if on_road { store.nodes(ground, station, &offsets, settings) } else { &all };
-            let edges = edges::from_root(ground, root, station, nodes, &offsets, settings);
-            edges.into_iter().map(|e| (None, Arc::new(e)))
-        };
-        let mut layer = chains.extend(root_edges(store, first), offsets.len());
-        for (i, pair) in stations.windows(2).enumerate() {
-            let reached: Vec<(usize, usize)> =
-                layer.iter().enumerate().filter_map(|(offset, label)| Some((offset, (*label)?))).collect();
-            let starts: Vec<usize> = reached.iter().map(|(offset, _)| *offset).collect();
-            let next = store.between(ground, (pair[0], pair[1]), &starts, &offsets, settings);
-            let mut tries = Vec::new();
-            for (offset, label) in reached {
-                tries.extend(next[offset].iter().flatten().map(|e| (Some(label), Arc::clone(e))));
-            }
-            // long edges straight from the root: a gentle change of lanes takes more than one stride
-            if i + 1 < settings.root_layers {
-                tries.extend(root_edges(store, pair[1]));
-            }
-            layer = chains.extend(tries.into_iter(), offsets.len());
-        }
-        chains.ends.extend(layer.iter().flatten());
-        Some(chains)
-    }
-
-    /// Adds edges behind their labels; returns the best free label at each offset of the layer reached.
-    fn extend(
-        &mut self,
-        edges: impl Iterator<Item = (Option<usize>, Arc<Edge>)>,
-        offsets: usize,
-    ) -> Vec<Option<usize>> {
-        let mut best: Vec<Option<usize>> = vec![None; offsets];
-        for (before, edge) in edges {
-            let label = self.label(before, edge);
-            let index = self.labels.len();
-            let (to, free) = (label.edge.to, label.edge.blocked_by.is_none() && !label.edge.ends_chain);
-            if free {
-                let total = label.terms.rank();
-                if best[to].is_none_or(|b| total < self.labels[b].terms.rank()) {
-                    best[to] = Some(index);
-                }
-            } else {
-                self.ends.push(index);
-            }
-            self.labels.push(label);
-        }
-        best
-    }
-
-    fn label(&self, before: Option<usize>, edge: Arc<Edge>) -> Label {
-        match before {
-            None => {
-                Label { terms: edge.terms, free_length: edge.free_length, first_offset: edge.end_offset, before, edge }
-            }
-            Some(b) => {
-                let chain = &self.labels[b];
-                Label {
-                    terms: chain.terms.plus(&edge.terms),
-                    free_length: chain.free_length + edge.free_length,
-                    first_offset: chain.first_offset,
-                    before,
-                    edge,
-                }
-            }
-        }
-    }
-
-    /// The cheapest chain to each end offset and through each first offset, cheapest first; chains that end in front of
-    /// something pay for what they miss of the horizon.
-    fn candidates(mut self, ground: &Ground<'_>, root: &Root, horizon: f64, settings: &Settings) -> Vec<LatticePath> {
-        let kept: f64 = root.kept.iter().map(|s| s.length).sum();
-        for &end in &self.ends {
-            let label = &mut self.labels[end];
-            label.terms.missing = settings.weights.missing * (horizon - kept - label.free_length).max(0.0);
-        }
-        let labels = &self.labels;
-        self.ends.sort_by_key(|&end| (labels[end].terms.rank(), end));
-        let mut chosen: Vec<usize> = Vec::new();
-        for &end in &self.ends {
-            let key = |i: usize| (quantum(labels[i].first_offset), quantum(labels[i].edge.end_offset));
-            let seen = chosen.iter().any(|&c| key(c) == key(end));
-            let similar = chosen.iter().filter(|&&c| key(c).0 == key(end).0).count();
-            if !seen && similar < MOST_PER_FIRST_NODE {
-                chosen.push(end);
-            }
-            if chosen.len() == settings.candidates {
-                break;
-            }
-        }
-        chosen.into_iter().filter_map(|end| self.path(ground, root, end)).collect()
-    }
-
-    fn path(&self, ground: &Ground<'_>, root: &Root, end: usize) -> Option<LatticePath> {
-        let mut chain = Vec::new();
-        let mut label = Some(end);
-        while let Some(l) = label {
-            chain.push(Arc::clone(&self.labels[l].edge));
-            label = self.labels[l].before;
-        }
-        chain.reverse();
-        let spirals: Vec<_> = root.kept.iter().copied().chain(chain.iter().map(|e| e.spiral)).collect();
-        let kept: f64 = root.kept.iter().map(|s| s.length).sum();
-        let last = &self.labels[end];
-        Some(LatticePath {
-            path: Path::new(root.start, &spirals)?,
-            sweeps: chain.iter().map(|e| Arc::clone(e.sweep(ground, root))).collect(),
-            free_length: kept + last.free_length,
-            blocked_by: last.edge.blocked_by,
-            terms: last.terms,
-            end_offset: last.edge.end_offset,
-            first_offset: last.first_offset,
-        })
-    }
-}
-
 /// Kept edges that end this far behind the vehicle are dropped, m: it does not drive backwards, but may replan there.
 const FORGOTTEN_BEHIND: f64 = 20.0;
-/// A station within this of a grid line lies on it (in grid steps and m): rounding must not decide on which side.
-const ON_GRID: f64 = 1e-6;
 
-/// How many candidates may share their first node, so that the speed layer sees different ways to start.
-const MOST_PER_FIRST_NODE: usize = 3;
-
-/// Offsets as whole centimetres, to compare them.
-#[allow(clippy::cast_possible_truncation)] // metres of lateral offset
-fn quantum(offset: f64) -> i64 {
-    (offset * 100.0).round() as i64
+/// Where in a layer an edge may end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Node {
+    /// Lateral offset, m.
+    offset: f64,
+    /// Heading relative to the reference line's, rad.
+    heading: f64,
 }
 
-/// The lateral offsets of every layer, m, right to left.
-fn offsets(settings: &Settings) -> Vec<f64> {
+impl Node {
+    /// Pose and curvature at a station, m; `None` beyond the reference line's centre of curvature.
+    fn point(&self, ground: &Ground<'_>, station: f64) -> Option<PathPoint> {
+        let mut point = ground.reference.offset_pose(station, self.offset)?;
+        point.pose.yaw += self.heading;
+        Some(point)
+    }
+}
+
+/// The nodes of every layer, right to left.
+fn nodes(settings: &Settings) -> Vec<Node> {
     #[allow(clippy::cast_possible_truncation)] // a few dozen
     let count = (settings.offset_limit / settings.offset_spacing).floor() as i64;
-    (-count..=count).map(|i| i as f64 * settings.offset_spacing).collect()
+    let offsets = (-count..=count).map(|i| i as f64 * settings.offset_spacing);
+    offsets.flat_map(|offset| settings.headings.iter().map(move |&heading| Node { offset, heading })).collect()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::collision::CollisionSettings;
-    use crate::map::{Motion, Obstacle, ObstacleKind, Scenario, Shape};
-    use crate::reference::ReferenceSettings;
-
-    /// A car parked ahead on a straight road.
-    fn scenario() -> Scenario {
-        let network = crate::route::tests::two_lane_road(2);
-        let lanelet = network.lanelets.values().next().unwrap();
-        let parked = Pose { position: lanelet.centre.at(30.0), yaw: 0.0 };
-        let obstacle = Obstacle {
-            id: 7,
-            kind: ObstacleKind::ParkedVehicle,
-            shape: Shape::rectangle(4.5, 1.8),
-            motion: Motion::Static(parked),
-        };
-        Scenario {
-            id: "test".into(),
-            version: "2020a".into(),
-            time_step: 0.1,
-            network,
-            obstacles: vec![obstacle],
-            problems: vec![],
-            issues: vec![],
-        }
-    }
-
-    fn with_ground(test: impl FnOnce(&Ground<'_>)) {
-        let scenario = scenario();
-        let vehicle = crate::vehicle::load("bmw_320i").unwrap();
-        let lane: Vec<i64> = scenario.network.lanelets.keys().copied().filter(|id| *id < 200).collect();
-        let settings = ReferenceSettings::default();
-        let reference = ReferenceLine::new(&scenario.network, &lane, vehicle.width, &settings).unwrap();
-        let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
-        let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
-        test(&Ground { reference: &reference, world: &world, max_curvature, half_width });
-    }
-
-    fn root(ground: &Ground<'_>, station: f64, offset: f64) -> Root {
-        let pose = ground.reference.offset_pose(station, offset).unwrap().pose;
-        Root { pose, curvature: 0.0, kept: vec![], start: pose, allowance: Allowance::NONE }
-    }
-
-    fn summary(paths: &[LatticePath]) -> Vec<(Path, f64, CostTerms, Option<Blocker>)> {
-        paths.iter().map(|p| (p.path.clone(), p.free_length, p.terms, p.blocked_by)).collect()
-    }
-
-    #[test]
-    fn what_a_store_was_asked_before_does_not_change_its_answers() {
-        with_ground(|ground| {
-            let settings = Settings::default();
-            let mut used = EdgeStore::default();
-            // from the side, other nodes are reached first
-            for (station, offset) in [(5.0, 1.0), (5.5, -0.5), (5.0, 1.0), (6.0, 0.3), (5.0, 0.0)] {
-                let root = root(ground, station, offset);
-                let asked = paths(ground, &root, 5.0, 40.0, &settings, &mut used);
-                let fresh = paths(ground, &root, 5.0, 40.0, &settings, &mut EdgeStore::default());
-                assert!(!fresh.is_empty());
-                assert_eq!(summary(&asked), summary(&fresh));
-                let again = paths(ground, &root, 5.0, 40.0, &settings, &mut used);
-                assert_eq!(summary(&again), summary(&fresh));
-            }
-        });
-    }
-
-    #[test]
-    fn the_parked_car_is_passed_or_stopped_at_and_no_path_ends_off_the_road() {
-        with_ground(|ground| {
-            let found =
-                paths(ground, &root(ground, 5.0, 0.0), 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
-            assert!(found.iter().any(|p| p.blocked_by.is_none()), "nothing passes");
-            assert!(found.windows(2).all(|w| w[0].terms.rank() <= w[1].terms.rank()));
-            for path in found.iter().filter(|p| p.blocked_by.is_none()) {
-                let end = path.path.at(path.path.length()).pose;
-                assert_eq!(ground.world.start_overlap(&end, 0.0), None);
-            }
-        });
-    }
-}
+mod tests;

@@ -3,11 +3,13 @@
 //! Readers in [`crate::io`] produce these types together with the [`Issue`]s they met; every later stage only reads
 //! them. Positions are world coordinates in metres (UTM magnitudes are fine: everything is `f64`).
 
+mod grid;
 mod network;
 mod obstacle;
 mod problem;
 mod shape;
 
+pub use grid::{Cell, CellBlock, GridError, OccupancyGrid};
 pub use network::{Lanelet, LaneletId, Neighbour, RoadNetwork, StopLine, TrafficLight, TrafficSign};
 pub use obstacle::{Motion, Obstacle, ObstacleKind, TimedOccupancy, TimedPose};
 pub use problem::{Goal, GoalPosition, InitialState, Interval, PlanningProblem};
@@ -26,6 +28,8 @@ pub struct Scenario {
     pub network: RoadNetwork,
     /// Everything that can be hit, static and moving.
     pub obstacles: Vec<Obstacle>,
+    /// Cells that can be hit, beside the obstacles.
+    pub occupancy: Option<OccupancyGrid>,
     /// The tasks set by the file, at least one after reading a scenario.
     pub problems: Vec<PlanningProblem>,
     /// What the reader had to repair or leave out.

@@ -1,6 +1,7 @@
 //! One lattice path with the speed layer on it: bounds, blocked intervals, SafeTLP.
 
 use super::goal::GoalOnLane;
+use super::record::Rejection;
 use super::settings::Settings;
 use crate::collision::{Blocker, CollisionWorld};
 use crate::lattice::LatticePath;
@@ -65,31 +66,34 @@ pub(super) struct Proven {
 /// The speed layer's answer for one path.
 pub(super) enum Evaluation {
     Proven(Box<Proven>),
-    Rejected { code: &'static str, expansions: usize },
+    Rejected { why: Rejection, expansions: usize },
 }
 
 impl Situation<'_> {
     /// Searches the speed along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
         if self.is_too_sharp(path) {
-            return Evaluation::Rejected { code: "too_sharp", expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::TooSharp, expansions: 0 };
         }
         let Some((mut problem, blocked)) = self.speed_problem(path) else {
-            return Evaluation::Rejected { code: "no_room", expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::NoRoom, expansions: 0 };
         };
         let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         let Ok(outcome) = search(&problem, Strategy::SafeTlp, &resolution) else {
-            return Evaluation::Rejected { code: "no_room", expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::NoRoom, expansions: 0 };
         };
         let expansions = outcome.statistics().expansions;
         match outcome {
+            // a plan without a proof is none
+            SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions },
             SpeedOutcome::Nothing { why, .. } => {
-                let code = if matches!(why, Nothing::Spent(_)) { "no_proof_in_budget" } else { "no_proof" };
-                Evaluation::Rejected { code, expansions }
+                let is_spent = matches!(why, Nothing::Spent(_));
+                let why = if is_spent { Rejection::NoProofInBudget } else { Rejection::NoProof };
+                Evaluation::Rejected { why, expansions }
             }
-            SpeedOutcome::Proven { mut plan, .. } | SpeedOutcome::Unproven { mut plan, .. } => {
+            SpeedOutcome::Proven { mut plan, .. } => {
                 let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let caps = self.hard_caps(path, &problem.stations);
@@ -102,11 +106,10 @@ impl Situation<'_> {
                         guide_caps,
                         searched,
                         progress,
-                        plan,
                         expansions,
                         blocked,
                     })),
-                    None => Evaluation::Rejected { code: "no_profile", expansions },
+                    None => Evaluation::Rejected { why: Rejection::NoProfile, expansions },
                 }
             }
         }
@@ -139,7 +142,7 @@ impl Situation<'_> {
         let mut planned = false;
         if let Some(blocker) = path.blocked_by {
             end = path.free_length;
-            if matches!(blocker, Blocker::Obstacle(_)) {
+            if blocker != Blocker::RoadBoundary {
                 end -= self.settings.standoff;
                 planned = true;
             }

@@ -5,29 +5,33 @@
 //! lets SafeTLP search the speed on them and commits to the best pair of path and speed **whose stop is proven**. If
 //! there is none, the last proven plan goes on to its stop.
 //!
+//! When the plan in force is left for another is one rule, in `hysteresis`.
+//!
 //! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
 //! margins, then with harder braking. Each plan says which it needed.
 
 mod candidate;
 mod goal;
+mod hysteresis;
 mod lanes;
 mod record;
+mod refinement;
 mod settings;
 
 pub use goal::GoalOnLane;
-pub use record::{Candidate, Cycle, Decision, StageSeconds};
+pub use record::{Candidate, Cycle, Decision, Rejection, StageSeconds};
 pub use settings::{EmergencyLimits, Settings};
 
 use std::time::Instant;
 
 use self::candidate::{Evaluation, Proven, Situation};
+use self::hysteresis::InForce;
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
-use crate::geometry::wrap_angle;
-use crate::lattice::{Ground, LatticePath, Root, paths, rank};
+use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
-use crate::reference::Frenet;
+use crate::reference::{Frenet, ReferenceLine};
 use crate::speed::smoothing;
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
@@ -55,7 +59,10 @@ pub struct Planner<'a> {
 struct Committed {
     trajectory: Trajectory,
     deceleration: f64,
+    /// False for the emergency stop that stands in where nothing was ever proven.
+    is_proven: bool,
     is_smooth: bool,
+    is_refined: bool,
 }
 
 /// What proofs may use in one attempt.
@@ -96,6 +103,7 @@ struct Choice {
     proven: Box<Proven>,
     deceleration: f64,
     cost: f64,
+    is_refined: bool,
 }
 
 /// Why planning can't even begin.
@@ -155,9 +163,15 @@ impl<'a> Planner<'a> {
         let start = self.start(state);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
-        let choice = self.rungs().into_iter().find_map(|rung| self.choose(&start, rung, &mut record));
-        let (decision, blocked) = match choice.filter(|c| !self.is_settled(&start, c)) {
-            Some(choice) => {
+        let rungs = self.rungs();
+        let choice = rungs.iter().enumerate().find_map(|(attempt, rung)| {
+            record.attempt = attempt;
+            Some((*rung, self.choose(&start, *rung, &mut record)?))
+        });
+        let (decision, blocked) = match choice.filter(|(_, c)| self.is_worth_taking(&start, c, &mut record)) {
+            Some((rung, choice)) => {
+                let choice = self.refined(&start, rung, choice, &mut record);
+                record.is_refined = choice.is_refined;
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
                 let smoothing_begun = Instant::now();
@@ -167,13 +181,16 @@ impl<'a> Planner<'a> {
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
-                let is_smooth = record.is_smooth;
-                self.committed = Some(Committed { trajectory, deceleration: choice.deceleration, is_smooth });
+                let CycleRecord { is_smooth, is_refined, .. } = record;
+                let deceleration = choice.deceleration;
+                self.committed = Some(Committed { trajectory, deceleration, is_proven: true, is_smooth, is_refined });
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
                 record.is_smooth = self.committed.as_ref().is_some_and(|c| c.is_smooth);
-                (Decision::KeepLast, Vec::new())
+                record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
+                let is_proven = self.committed.as_ref().is_some_and(|c| c.is_proven);
+                (if is_proven { Decision::KeepLast } else { Decision::Unproven }, Vec::new())
             }
             None => {
                 self.committed = Some(self.emergency_stop(&start));
@@ -190,8 +207,10 @@ impl<'a> Planner<'a> {
             candidates: record.candidates,
             blocked,
             chosen: record.chosen,
+            edges: record.edges,
             expansions: record.expansions,
             is_smooth: record.is_smooth,
+            is_refined: record.is_refined,
             stage_seconds: record.seconds,
         }
     }
@@ -290,7 +309,7 @@ impl<'a> Planner<'a> {
         let mut best: Option<Choice> = None;
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
-            let found = self.lattice_paths(start, lane, rung);
+            let found = self.lattice_paths(start, lane, rung, &mut record.edges);
             record.seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
             self.evaluate_all(start, lane, rung, found, &mut best, record);
@@ -301,21 +320,16 @@ impl<'a> Planner<'a> {
 
     /// Lattice paths on a lane, from the start and from the end of the committed edge, with the terms that depend on
     /// the lane and on the committed path.
-    fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung) -> Vec<LatticePath> {
+    fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung, counts: &mut EdgeCounts) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
         let world = &self.worlds[rung.world];
         let roots = self.roots(start, world);
         let weights = self.settings.lattice.weights;
-        let committed = self.committed.as_ref().filter(|_| start.on_plan);
+        let in_force = in_force(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let ground = Ground {
-            reference: &lane.reference,
-            world,
-            max_curvature: self.vehicle.max_curvature() * CURVATURE_SHARE,
-            half_width: 0.5 * self.vehicle.width,
-        };
+        let ground = ground(self.vehicle, &lane.reference, world);
         // a lane change that the goal needs gets dearer to put off as its time runs out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -326,11 +340,12 @@ impl<'a> Planner<'a> {
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[rung.world];
-            for mut path in paths(&ground, root, speed, horizon, &self.settings.lattice, store) {
+            let found = search(&ground, root, speed, horizon, &self.settings.lattice, store);
+            counts.add(&found.counts);
+            for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
-                if let Some(committed) = committed {
-                    path.terms.switching = weights.switching
-                        * distance_between(&committed.trajectory.path, start.point.station, &path.path);
+                if let Some(in_force) = &in_force {
+                    path.terms.switching = weights.switching * in_force.departure(&path.path);
                 }
                 all.push(path);
             }
@@ -343,11 +358,9 @@ impl<'a> Planner<'a> {
         let p = &start.point;
         let allowance = allowance_at(world, p);
         let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
-        let kept = self.committed.as_ref().filter(|_| start.on_plan).and_then(|c| rest_of_edge(&c.trajectory, p));
-        let kept = kept.map(|spiral| {
-            let end = spiral.point_at(&p.pose, spiral.length);
-            Root { pose: end.pose, curvature: end.curvature, kept: vec![spiral], start: p.pose, allowance }
-        });
+        let kept = in_force(self.committed.as_ref(), start).and_then(|plan| plan.kept());
+        let kept =
+            kept.map(|(end, kept)| Root { pose: end.pose, curvature: end.curvature, kept, start: p.pose, allowance });
         kept.into_iter().chain([fresh]).collect()
     }
 
@@ -364,31 +377,35 @@ impl<'a> Planner<'a> {
         let situation = self.situation(start, on, rung);
         let free = situation.free_progress();
         for path in found {
-            let mut note =
-                Candidate { path: path.path.clone(), cost: path.terms.total(), terms: path.terms, rejected: None };
+            let mut note = Candidate {
+                path: path.path.clone(),
+                lane,
+                attempt: record.attempt,
+                cost: path.terms.total(),
+                terms: path.terms,
+                rejected: None,
+            };
             if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(note.cost)) {
-                note.rejected = Some("dearer");
+                note.rejected = Some(Rejection::Dearer);
             } else {
                 match situation.evaluate(&path) {
-                    Evaluation::Rejected { code, expansions } => {
+                    Evaluation::Rejected { why, expansions } => {
                         record.expansions += expansions;
-                        note.rejected = Some(code);
+                        note.rejected = Some(why);
                     }
                     Evaluation::Proven(proven) => {
                         record.expansions += proven.expansions;
                         note.terms.delay = self.settings.lattice.weights.delay * (free - proven.progress).max(0.0);
                         note.cost = note.terms.total();
                         if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {
-                            *best = Some(Choice {
-                                lane,
-                                candidate: record.candidates.len(),
-                                path,
-                                proven,
-                                deceleration: rung.deceleration,
-                                cost: note.cost,
-                            });
+                            let candidate = record.candidates.len();
+                            let (deceleration, cost) = (rung.deceleration, note.cost);
+                            let found = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
+                            if let Some(passed) = best.replace(found) {
+                                record.reject(passed.candidate, Rejection::Dearer);
+                            }
                         } else {
-                            note.rejected = Some("dearer");
+                            note.rejected = Some(Rejection::Dearer);
                         }
                     }
                 }
@@ -428,13 +445,14 @@ impl<'a> Planner<'a> {
         smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings)
     }
 
-    /// Whether the committed plan is in its final approach and the new one would not get farther: then it goes on as it
-    /// is, so that a stop is not re-planned centimetre by centimetre.
-    fn is_settled(&self, start: &Start, choice: &Choice) -> bool {
-        let Some(committed) = self.committed.as_ref().filter(|_| start.on_plan) else { return false };
-        let rest = committed.trajectory.profile.last().station - start.point.station;
-        let gain = choice.proven.searched.last().station - rest;
-        rest < FINAL_APPROACH && gain < WORTH_MOVING
+    /// Whether the plan in force is to be left for the best one found.
+    fn is_worth_taking(&self, start: &Start, choice: &Choice, record: &mut CycleRecord) -> bool {
+        let end = choice.proven.searched.last().station;
+        let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| plan.is_worth_leaving(end));
+        if !worth {
+            record.reject(choice.candidate, Rejection::InForce);
+        }
+        worth
     }
 
     /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
@@ -462,7 +480,9 @@ impl<'a> Planner<'a> {
         let trajectory =
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
-            (Some(trajectory), _) => Committed { trajectory, deceleration, is_smooth: false },
+            (Some(trajectory), _) => {
+                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false }
+            }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
         }
@@ -505,10 +525,6 @@ const EMERGENCY_LATERAL: f64 = 5.0;
 const AT_REST: f64 = 0.02;
 /// Lateral distance from a reference line within which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
-/// Distance to rest within which a stop counts as the final approach, m.
-const FINAL_APPROACH: f64 = 4.0;
-/// Less progress than this is not worth leaving the final approach for, m.
-const WORTH_MOVING: f64 = 1.0;
 
 /// What the collision check overlooks for a vehicle that stands inside a margin or partly off the road.
 fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
@@ -527,35 +543,36 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
     }
 }
 
-/// The rest of the edge of the committed path that the vehicle is on, if it is long enough to be worth keeping.
-fn rest_of_edge(trajectory: &Trajectory, p: &TrajectoryPoint) -> Option<CubicSpiral> {
-    /// Shorter rests are left to the fresh root, m.
-    const WORTH_KEEPING: f64 = 1.0;
-    let (station, _, spiral) = trajectory.path.pieces().take_while(|(s, ..)| *s <= p.station).last()?;
-    let from = p.station - station;
-    (spiral.length - from > WORTH_KEEPING).then(|| spiral.part(from, spiral.length))
+/// What the lattice of a lane is built on.
+fn ground<'a>(vehicle: &Vehicle, reference: &'a ReferenceLine, world: &'a CollisionWorld) -> Ground<'a> {
+    let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
+    Ground { reference, world, max_curvature, half_width }
 }
 
-/// Mean lateral distance between a candidate and the committed path at some distances ahead, m.
-fn distance_between(committed: &Path, station: f64, candidate: &Path) -> f64 {
-    const AHEAD: [f64; 4] = [5.0, 10.0, 20.0, 30.0];
-    let compared = AHEAD.iter().filter(|d| station + **d <= committed.length() && **d <= candidate.length());
-    let distances: Vec<f64> = compared
-        .map(|d| {
-            let (a, b) = (committed.at(station + d).pose, candidate.at(*d).pose);
-            a.to_local(b.position).y.abs() + wrap_angle(a.yaw - b.yaw).abs()
-        })
-        .collect();
-    if distances.is_empty() { 0.0 } else { distances.iter().sum::<f64>() / distances.len() as f64 }
+/// The plan in force, if planning starts on it.
+fn in_force<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<InForce<'c>> {
+    committed.filter(|_| start.on_plan).map(|c| InForce::new(&c.trajectory, &start.point))
 }
 
 /// What a cycle collects on its way.
 #[derive(Default)]
 struct CycleRecord {
     candidates: Vec<Candidate>,
+    /// The attempt that is being made.
+    attempt: usize,
     chosen: Option<usize>,
+    edges: EdgeCounts,
     expansions: usize,
     reference: Vec<crate::geometry::Point>,
     is_smooth: bool,
+    is_refined: bool,
     seconds: StageSeconds,
+}
+
+impl CycleRecord {
+    fn reject(&mut self, candidate: usize, why: Rejection) {
+        if let Some(candidate) = self.candidates.get_mut(candidate) {
+            candidate.rejected = Some(why);
+        }
+    }
 }

@@ -1,7 +1,9 @@
 //! What a planning cycle leaves behind for reports, pictures and recordings.
 
+use std::fmt;
+
 use crate::geometry::Point;
-use crate::lattice::CostTerms;
+use crate::lattice::{CostTerms, EdgeCounts};
 use crate::trajectory::{Path, Trajectory};
 
 /// What one planning cycle saw and chose. Everything that pictures, recordings and reports need.
@@ -22,10 +24,14 @@ pub struct Cycle {
     pub blocked: Vec<((f64, f64), (f64, f64))>,
     /// Index of the chosen one in `candidates`; `None` when the last plan goes on.
     pub chosen: Option<usize>,
+    /// What became of the lattice edges that were looked at, over all lanes and attempts.
+    pub edges: EdgeCounts,
     /// Search expansions of the speed layer, over all candidates.
     pub expansions: usize,
     /// Whether the committed profile is jerk-limited; if not, the searched one stands because no smooth one was proved.
     pub is_smooth: bool,
+    /// Whether the committed path is a refined one; if not, the lattice's own stands.
+    pub is_refined: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
     pub stage_seconds: StageSeconds,
 }
@@ -49,12 +55,95 @@ pub enum Decision {
 pub struct Candidate {
     /// The path.
     pub path: Path,
-    /// Total cost; a lower bound if rejected.
+    /// Index of the lane of the route that it was laid on.
+    pub lane: usize,
+    /// How many attempts with gentler limits had come before in this cycle.
+    pub attempt: usize,
+    /// Total cost, m of detour. A lower bound where no speed was found on it: its delay is not known then.
     pub cost: f64,
     /// Cost by term.
     pub terms: CostTerms,
-    /// Why it was rejected; a stable code.
-    pub rejected: Option<&'static str>,
+    /// Why it was not taken; `None` for the chosen one alone.
+    pub rejected: Option<Rejection>,
+}
+
+/// Why a candidate was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rejection {
+    /// `too_sharp`: it bends more than the speed allows that is left after braking comfortably from here.
+    TooSharp,
+    /// `no_room`: what blocks it is so near that a moving vehicle has not even one cell of way.
+    NoRoom,
+    /// `no_proof`: the search of its speed ended, and no speed profile along it has a proven stop.
+    NoProof,
+    /// `no_proof_in_budget`: the search spent its expansions before it found a proven stop.
+    NoProofInBudget,
+    /// `no_profile`: the speeds found do not make a profile; a fault of the search, told and survived.
+    NoProfile,
+    /// `dearer`: another candidate with a proven stop costs less. Where its cost was above that one's before, its speed
+    /// was not searched.
+    Dearer,
+    /// `in_force`: the best of its cycle, and not worth leaving the final approach of the plan in force.
+    InForce,
+}
+
+impl Rejection {
+    /// Every reason, in the order in which they are checked.
+    pub const ALL: [Self; 7] = [
+        Self::TooSharp,
+        Self::NoRoom,
+        Self::NoProof,
+        Self::NoProofInBudget,
+        Self::NoProfile,
+        Self::Dearer,
+        Self::InForce,
+    ];
+
+    /// The stable code used in reports.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::TooSharp => "too_sharp",
+            Self::NoRoom => "no_room",
+            Self::NoProof => "no_proof",
+            Self::NoProofInBudget => "no_proof_in_budget",
+            Self::NoProfile => "no_profile",
+            Self::Dearer => "dearer",
+            Self::InForce => "in_force",
+        }
+    }
+
+    /// Whether the candidate could not be taken; if not, it could, and there was a better one.
+    #[must_use]
+    pub fn is_refusal(self) -> bool {
+        !matches!(self, Self::Dearer | Self::InForce)
+    }
+}
+
+impl fmt::Display for Rejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.code())
+    }
+}
+
+impl Cycle {
+    /// How many candidates were rejected for a reason.
+    #[must_use]
+    pub fn rejections(&self, reason: Rejection) -> usize {
+        self.candidates.iter().filter(|c| c.rejected == Some(reason)).count()
+    }
+}
+
+impl Decision {
+    /// The stable name used in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NewPlan { .. } => "new_plan",
+            Self::KeepLast => "keep_last",
+            Self::Unproven => "unproven",
+        }
+    }
 }
 
 /// Wall-clock times of the stages of one cycle, s.
@@ -68,8 +157,26 @@ pub struct StageSeconds {
     pub collision: f64,
     /// Speed search.
     pub speed: f64,
+    /// Refinement of the chosen path, with its speed search.
+    pub refinement: f64,
     /// Smoothing and its proof.
     pub smoothing: f64,
     /// The whole cycle.
     pub total: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_rejection_has_a_code_of_its_own() {
+        let mut codes: Vec<&str> = Rejection::ALL.iter().map(|r| r.code()).collect();
+        assert!(codes.iter().all(|c| c.chars().all(|c| c.is_ascii_lowercase() || c == '_')), "{codes:?}");
+        codes.sort_unstable();
+        codes.dedup();
+        assert_eq!(codes.len(), Rejection::ALL.len());
+        assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
+        assert_eq!(Rejection::ALL[6], Rejection::InForce, "the last one is in the list");
+    }
 }

@@ -37,6 +37,8 @@ pub struct Settings {
     pub time_gap: f64,
     /// The lattice.
     pub lattice: lattice::Settings,
+    /// What is done with the path chosen from it.
+    pub refinement: lattice::refine::RefinementSettings,
     /// The collision checks.
     pub collision: CollisionSettings,
 }
@@ -73,6 +75,7 @@ impl Default for Settings {
             jerk: 1.8,
             time_gap: 0.8,
             lattice: lattice::Settings::default(),
+            refinement: lattice::refine::RefinementSettings::default(),
             collision: CollisionSettings::default(),
         }
     }

@@ -12,10 +12,10 @@ use crate::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part,
     PlanningProblem, RoadNetwork, Scenario, Shape, StopLine, TimedOccupancy, TimedPose,
 };
-use crate::planner::{Candidate, Cycle, Decision, StageSeconds};
+use crate::planner::{Candidate, Cycle, Decision, Rejection, StageSeconds};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 use crate::verdict::{Check, Verdict};
 
 /// Everything that a [`Run`] borrows.
@@ -58,6 +58,7 @@ impl Example {
             time_step: 0.1,
             network,
             obstacles: obstacles(),
+            occupancy: None,
             problems: vec![problem(&vehicle)],
             issues: Vec::new(),
         };
@@ -174,6 +175,7 @@ fn car() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.4),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.578,
@@ -253,10 +255,12 @@ fn driven_profile() -> SpeedProfile {
 fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     let now = driven.at(time);
     let profile = braking(now.station, 0.8, now.speed.max(0.01), 3.5);
-    let rejections = [None, None, None, Some("collision"), Some("off_road"), Some("curvature")];
+    let rejections = [None, None, None, Some(Rejection::NoRoom), Some(Rejection::NoProof), Some(Rejection::TooSharp)];
     let bends = [0.0185, 0.0150, 0.0215, 0.0030, 0.0400, -0.0200];
     let candidates = bends.iter().zip(rejections).map(|(bend, rejected)| Candidate {
         path: passing(*bend, 15.0),
+        lane: 0,
+        attempt: 0,
         cost: if rejected.is_some() { f64::INFINITY } else { (bend - 0.0185).abs() },
         terms: CostTerms::default(),
         rejected,
@@ -273,8 +277,10 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
             .map(|t| ((now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t), (time + t, time + t + 0.5)))
             .collect(),
         chosen: (!kept).then_some(0),
+        edges: Default::default(),
         expansions: 120,
         is_smooth: true,
+        is_refined: false,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
     }
 }

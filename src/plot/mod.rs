@@ -28,7 +28,7 @@ use scene::{Scene, View};
 use svg::{Element, Page, Svg};
 
 use crate::drive::Run;
-use crate::planner::Candidate;
+use crate::planner::{Candidate, Rejection};
 use crate::trajectory::Trajectory;
 use crate::verdict::{Check, jerk_limit};
 
@@ -195,7 +195,7 @@ fn shortened(text: &str, length: usize) -> String {
 
 /// Why a candidate could not be taken. One that was only dearer than the chosen one was not refused.
 pub(crate) fn refusal(candidate: &Candidate) -> Option<&'static str> {
-    candidate.rejected.filter(|code| *code != "dearer")
+    candidate.rejected.filter(|why| why.is_refusal()).map(Rejection::code)
 }
 
 /// The smallest of 5, 10, 15, … that is not below the speed.

@@ -59,9 +59,10 @@ fn goal_region(position: &GoalPosition, network: &RoadNetwork) -> Vec<Vec<Point>
     }
 }
 
-/// The footprint at a rear-axle pose.
-pub(crate) fn footprint(vehicle: &Vehicle, rear_axle: &Pose) -> [Point; 4] {
-    vehicle.footprint().map(|corner| rear_axle.to_world(corner))
+/// The parts of the footprint at a rear-axle pose.
+pub(crate) fn footprint(vehicle: &Vehicle, rear_axle: &Pose) -> Vec<Vec<Point>> {
+    let part = |corners: &Vec<Point>| corners.iter().map(|corner| rear_axle.to_world(*corner)).collect();
+    vehicle.footprint.parts().iter().map(part).collect()
 }
 
 /// An axis-parallel box in world coordinates, m.
@@ -136,7 +137,7 @@ pub(crate) fn action_bounds(run: &Run, motion: &Motion) -> Bounds {
     let driven = motion.thinned(0.1).into_iter().map(|s| s.pose);
     let planned = run.cycles.iter().flat_map(|c| c.committed.path.sampled(2.0)).map(|(_, p)| p.pose);
     let corners: Vec<Point> =
-        std::iter::once(start).chain(driven).chain(planned).flat_map(|p| footprint(run.vehicle, &p)).collect();
+        std::iter::once(start).chain(driven).chain(planned).flat_map(|p| footprint(run.vehicle, &p).concat()).collect();
     let origin = Bounds { min: Point::origin(), max: Point::origin() };
     let action = Bounds::around(&corners).unwrap_or(origin);
     let goals = goal_outlines(run);

@@ -8,8 +8,8 @@ use super::style;
 use super::svg::{Element, Page, Svg, number};
 use crate::drive::Run;
 use crate::geometry::Point;
-use crate::map::{Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind, RoadNetwork};
-use crate::planner::Cycle;
+use crate::map::{Cell, Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind, RoadNetwork};
+use crate::planner::{Cycle, Rejection};
 
 /// Obstacles' outlines are this far apart in time, s.
 const OBSTACLE_SPACING: f64 = 1.0;
@@ -77,6 +77,7 @@ impl Scene<'_> {
         svg.group(&Element::new("g").with("id", "scene").with("clip-path", "url(#clip-scene)"), |svg| {
             svg.add(&Element::rect(area.corner, area.width, area.height).with("fill", style::GROUND));
             road(svg, view, &self.run.scenario.network);
+            self.occupied_cells(svg, view);
             self.goal(svg, view);
             self.candidates(svg, view);
             self.obstacles(svg, view);
@@ -86,6 +87,16 @@ impl Scene<'_> {
             self.contact(svg, view);
             self.times(svg, view);
             scale_bar(svg, view);
+        });
+    }
+
+    fn occupied_cells(&self, svg: &mut Svg, view: &View) {
+        let Some(grid) = &self.run.scenario.occupancy else { return };
+        svg.group(&Element::new("g").with("id", "occupancy").with("fill", style::STATIC), |svg| {
+            let blocks = grid.blocks(|cell| cell == Cell::Occupied);
+            for corners in blocks.iter().map(|b| grid.corners(b)).filter(|c| view.bounds.shows(c)) {
+                svg.add(&view.polygon(&corners));
+            }
         });
     }
 
@@ -106,7 +117,7 @@ impl Scene<'_> {
             for candidate in &cycle.candidates {
                 let points: Vec<Point> =
                     candidate.path.sampled(PATH_SPACING).iter().map(|(_, p)| p.pose.position).collect();
-                let line = view.line(&points).with("class", candidate.rejected.unwrap_or("accepted"));
+                let line = view.line(&points).with("class", candidate.rejected.map_or("accepted", Rejection::code));
                 svg.add(&if refusal(candidate).is_some() { line.with("stroke-dasharray", "3 3") } else { line });
             }
         });
@@ -137,7 +148,9 @@ impl Scene<'_> {
         svg.group(&group.num("stroke-width", 0.7).with("fill-opacity", "0.55"), |svg| {
             for sample in self.prints() {
                 let colour = style::hex(style::viridis(sample.speed / self.top_speed));
-                svg.add(&view.polygon(&footprint(self.run.vehicle, &sample.pose)).with("fill", &colour));
+                for part in footprint(self.run.vehicle, &sample.pose) {
+                    svg.add(&view.polygon(&part).with("fill", &colour));
+                }
             }
         });
     }

@@ -202,8 +202,14 @@ mod tests {
         let [(run, entities), (layout, views)] = stores.as_slice() else { panic!("two stores: {stores:?}") };
         assert!(run.is_recording() && layout.is_blueprint());
         let parts = ["map", "map/surface", "map/bounds", "map/lane_marks", "map/stop_lines", "map/goal", "map/driven"];
-        let plans =
-            ["map/plan/committed", "map/plan/proven_stop", "map/plan/candidates/reasons", "st/plan", "st/blocked"];
+        let plans = [
+            "map/plan/committed",
+            "map/plan/proven_stop",
+            "map/plan/candidates/reasons",
+            "map/plan/candidates/costs",
+            "st/plan",
+            "st/blocked",
+        ];
         let series = ["speed", "acceleration", "jerk", "lateral_acceleration", "steering"];
         let text = ["decisions", "verdict", "map/ego", "map/ego/fill", "follow"];
         let obstacles = example.scenario.obstacles.iter().map(|o| format!("map/obstacles/{}", o.id));

@@ -6,7 +6,7 @@ use super::shapes::{Surface, dashes};
 use super::style::{self, order, pixels, strips};
 use super::{Context, RecordingError};
 use crate::geometry::polyline::Polyline;
-use crate::map::Lanelet;
+use crate::map::{Cell, Lanelet};
 use crate::plot::outline::goal_outlines;
 
 /// The surface reaches this far beyond the action, m: whoever pans a little still sees road.
@@ -31,10 +31,21 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
     context.log_static("map/lane_marks", &strips(marks, style::LANE_MARK, pixels(0.9), order::MARKS))?;
     let stops = lanelets.iter().filter_map(|l| l.stop_line).map(|l| context.line(&[l.start, l.end])).collect();
     context.log_static("map/stop_lines", &strips(stops, style::STOP_LINE, pixels(2.0), order::MARKS))?;
+    log_occupied_cells(context)?;
     let goals = goal_outlines(context.run);
     let edges = goals.iter().filter_map(|o| Polyline::new(o.iter().chain(o.first()).copied()));
     let dashed = edges.flat_map(|e| dashes(&e, 1.0, 0.6)).map(|dash| context.line(&dash)).collect();
     context.log_static("map/goal", &strips(dashed, style::GOAL, pixels(1.3), order::GOAL))
+}
+
+/// The outlines of the occupied cells near the action, neighbours merged.
+fn log_occupied_cells(context: &Context) -> Result<(), RecordingError> {
+    let Some(grid) = &context.run.scenario.occupancy else { return Ok(()) };
+    let region = context.action.grown(SURFACE_MARGIN);
+    let blocks = grid.blocks(|cell| cell == Cell::Occupied);
+    let near = blocks.iter().map(|b| grid.corners(b)).filter(|corners| region.shows(corners));
+    let outlines = near.map(|corners| context.ring(&corners)).collect();
+    context.log_static("map/occupancy", &strips(outlines, style::STATIC.1, pixels(0.8), order::OBSTACLE_EDGES))
 }
 
 /// The surface as an image: 2D views have no filled polygons.

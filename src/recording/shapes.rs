@@ -172,7 +172,7 @@ mod tests {
     fn the_hatch_covers_a_turned_rectangle_and_stays_in_it() {
         let example = Example::new();
         let frame = Pose::new(3.0, -2.0, 0.7);
-        let polygon = footprint(&example.vehicle, &frame);
+        let polygon = footprint(&example.vehicle, &frame).concat();
         let strokes = hatch(&polygon);
         for i in 0..=40 {
             for j in 0..=20 {

@@ -7,7 +7,7 @@ use rerun::{TextDocument, TextLog, TextLogLevel};
 
 use super::{Context, RecordingError};
 use crate::drive::Run;
-use crate::planner::{Cycle, Decision};
+use crate::planner::{Cycle, Decision, Rejection};
 use crate::verdict::Check;
 
 /// Two decelerations nearer than this are one decision, m/s².
@@ -34,10 +34,11 @@ fn lines(run: &Run) -> Vec<Line> {
     let mut lines = Vec::new();
     let mut last = None;
     for cycle in &run.cycles {
-        let decision = summary(run, &cycle.decision);
+        let decision = summary(run, cycle);
         if last != Some(decision) {
-            let proven = matches!(cycle.decision, Decision::NewPlan { .. });
-            let level = if proven { TextLogLevel::INFO } else { TextLogLevel::WARN };
+            let by_choice = cycle.rejections(Rejection::InForce) > 0;
+            let fine = by_choice || matches!(cycle.decision, Decision::NewPlan { .. });
+            let level = if fine { TextLogLevel::INFO } else { TextLogLevel::WARN };
             lines.push(Line { time: cycle.time, level, text: describe(cycle, decision) });
             last = Some(decision);
         }
@@ -66,12 +67,13 @@ fn ending(run: &Run) -> String {
 }
 
 /// A decision without its numbers: what must change for a new line.
-fn summary(run: &Run, decision: &Decision) -> &'static str {
-    match decision {
+fn summary(run: &Run, cycle: &Cycle) -> &'static str {
+    match &cycle.decision {
         Decision::NewPlan { deceleration } => {
             let comfortable = *deceleration <= run.vehicle.comfort.deceleration + SAME_DECELERATION;
             if comfortable { "new plan" } else { "new plan, proven by hard braking" }
         }
+        Decision::KeepLast if cycle.rejections(Rejection::InForce) > 0 => "last plan goes on to its stop",
         Decision::KeepLast => "last plan goes on: no new one is proven",
         Decision::Unproven => "emergency braking: no plan was ever proven",
     }
@@ -100,7 +102,7 @@ fn describe(cycle: &Cycle, decision: &str) -> String {
 fn rejections(cycle: &Cycle) -> BTreeMap<&'static str, usize> {
     let mut counts = BTreeMap::new();
     for reason in cycle.candidates.iter().filter_map(|c| c.rejected) {
-        *counts.entry(reason).or_insert(0) += 1;
+        *counts.entry(reason.code()).or_insert(0) += 1;
     }
     counts
 }
@@ -167,7 +169,7 @@ mod tests {
             "stopped safely",
         ];
         assert_eq!(kinds, expected);
-        assert!(lines[0].text.contains("collision 1, curvature 1, off_road 1"), "{}", lines[0].text);
+        assert!(lines[0].text.contains("no_proof 1, no_room 1, too_sharp 1"), "{}", lines[0].text);
     }
 
     #[test]

@@ -147,11 +147,11 @@ fn log_vehicle(context: &Context) -> Result<(), RecordingError> {
         return Ok(());
     }
     send_poses(context, "map/ego", &samples)?;
-    let footprint = vehicle.footprint();
-    let edges = vec![ring(&footprint), ring(&arrow_head(vehicle))];
+    let parts = || vehicle.footprint.parts().iter();
+    let edges = parts().map(|part| ring(part)).chain([ring(&arrow_head(vehicle))]).collect();
     context.log_static("map/ego", &strips(edges, style::EGO.1, pixels(1.2), order::EGO_EDGE))?;
     let fill = strips(
-        hatch(&footprint).iter().map(|stroke| flat(stroke)).collect(),
+        parts().flat_map(|part| hatch(part)).map(|stroke| flat(&stroke)).collect(),
         style::EGO.0,
         metres(HATCH_RADIUS),
         order::EGO,

@@ -7,18 +7,27 @@
 //!
 //! Beyond its ends the line goes on straight for the settings' extension.
 //!
-//! Weak: the derivative of curvature jumps at the spline's knots (about every metre); the curvature itself is
-//! continuous. A bend much tighter than the sampling step is rounded. The projection of points further from the line
-//! than its radius of curvature is the nearest point, but Frenet coordinates are not unique there.
+//! Projection ([`ReferenceLine::project`]) finds the nearest point. Frenet coordinates are unique, and the projection
+//! continuous, as far from the line as [`ReferenceLine::unique_offsets`] says, station by station. Whole states, with
+//! speed, acceleration and curvature, are converted in [`CartesianState`] ⇄ [`FrenetState`].
+//!
+//! Curvature and its derivative are continuous. The derivative is that of an interpolating spline: between points it
+//! swings a little more than at them. A bend much tighter than the sampling step is rounded.
 
+mod frenet;
+mod projection;
+#[cfg(test)]
+mod real;
 mod smooth;
 mod spline;
+
+pub use frenet::{CartesianState, FrenetState};
 
 use thiserror::Error;
 
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::PathPoint;
-use crate::geometry::{Point, Pose, Vector, cross};
+use crate::geometry::{Point, Pose, Vector};
 use crate::map::{Lanelet, LaneletId, RoadNetwork};
 use smooth::Freedom;
 use spline::Spline;
@@ -79,11 +88,14 @@ pub struct ReferenceLine {
     smoothed: bool,
 }
 
-/// What is known at a knot of the curve.
+/// What is known at a knot of the curve, and of the piece of it up to the next knot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Knot {
     station: f64,
     point: Point,
+    tangent: Vector,
+    /// Upper bound of |κ| on the piece behind it, 1/m.
+    sharpest: f64,
     left: f64,
     right: f64,
 }
@@ -122,8 +134,7 @@ impl ReferenceLine {
         if centre.length() < SHORTEST {
             return Err(ReferenceFailure::TooShort);
         }
-        let step = (centre.length() / (centre.length() / settings.spacing).ceil().max(FEWEST_STEPS)).max(1e-3);
-        let points = centre.resampled(step);
+        let (points, step) = resampled(&centre, settings.spacing);
         let left = joined(&lanelets, origin, |l| &l.left);
         let right = joined(&lanelets, origin, |l| &l.right);
         let bounds = Bounds { left: left.as_ref(), right: right.as_ref() };
@@ -138,8 +149,12 @@ impl ReferenceLine {
         let curve = Spline::through(&points).ok_or(ReferenceFailure::TooShort)?;
         let widths = bounds.along(&points);
         let knots = curve.stations().zip(&points).zip(widths);
-        let knots =
-            knots.map(|((station, point), (left, right))| Knot { station, point: *point, left, right }).collect();
+        let knots = knots
+            .map(|((station, point), (left, right))| {
+                let tangent = curve.frame(station).tangent;
+                Knot { station, point: *point, tangent, sharpest: curve.sharpest_behind(station), left, right }
+            })
+            .collect();
         let mut line = Self { origin, curve, knots, lanelets: Vec::new(), extension: settings.extension, smoothed };
         line.lanelets = line.sections(&lanelets);
         Ok(line)
@@ -180,13 +195,6 @@ impl ReferenceLine {
         point
     }
 
-    /// The point at station `s` and offset `l`.
-    #[must_use]
-    pub fn from_frenet(&self, s: f64, l: f64) -> Point {
-        let pose = self.at(s).pose;
-        pose.position + pose.left() * l
-    }
-
     /// The point of the parallel line at offset `l`: its heading is that of the reference line, its curvature
     /// κ/(1 − κl), its curvature's derivative (by its own arc length) κ'/(1 − κl)³. `None` at and beyond the centre of
     /// curvature.
@@ -199,85 +207,6 @@ impl ReferenceLine {
             curvature: on_line.curvature / shrink,
             curvature_rate: on_line.curvature_rate / shrink.powi(3),
         })
-    }
-
-    /// Frenet coordinates of a point: the nearest point of the whole line, continuations included.
-    #[must_use]
-    pub fn project(&self, point: Point) -> Frenet {
-        let local = point - self.origin;
-        self.refine(local, self.nearest_knot(local, 0, self.knots.len()))
-    }
-
-    /// Frenet coordinates of a point whose station is about `hint`: the nearest point within some metres of it, so
-    /// that a line that comes near itself does not make the station jump. Falls back to the whole line when the nearest
-    /// point there is at the rim of the search.
-    #[must_use]
-    pub fn project_near(&self, point: Point, hint: f64) -> Frenet {
-        /// Search to either side of the hint, m.
-        const WINDOW: f64 = 10.0;
-        let local = point - self.origin;
-        let from = self.knots.partition_point(|k| k.station < hint - WINDOW);
-        let to = self.knots.partition_point(|k| k.station <= hint + WINDOW);
-        if from >= to {
-            return self.project(point);
-        }
-        let nearest = self.nearest_knot(local, from, to);
-        let at_rim = (nearest == from && from > 0) || (nearest + 1 == to && to < self.knots.len());
-        if at_rim { self.project(point) } else { self.refine(local, nearest) }
-    }
-
-    /// The knot nearest to a local point among `from..to`, which is not empty.
-    fn nearest_knot(&self, local: Point, from: usize, to: usize) -> usize {
-        let mut best = (f64::INFINITY, from);
-        for (i, knot) in self.knots.iter().enumerate().take(to).skip(from) {
-            let distance = (local - knot.point).norm_squared();
-            if distance < best.0 {
-                best = (distance, i);
-            }
-        }
-        best.1
-    }
-
-    /// The foot point near a knot: root of (q − P(s))·T(s), which falls with slope −(1 − κl) on this side of the
-    /// evolute, by Newton's method kept inside a bracket.
-    fn refine(&self, local: Point, knot: usize) -> Frenet {
-        /// After a step as short as this, m, the error is its square times a curvature: nothing.
-        const TOLERANCE: f64 = 1e-8;
-        const MAX_ITERATIONS: usize = 60;
-        let residual = |s: f64| {
-            let on_line = self.curve.frame(s);
-            let away = local - on_line.position;
-            let l = cross(on_line.tangent, away);
-            (away.dot(&on_line.tangent), 1.0 - on_line.curvature * l, l)
-        };
-        let last = self.knots.len() - 1;
-        let mut low = if knot == 0 { -self.extension } else { self.knots[knot - 1].station };
-        let mut high = if knot == last { self.length() + self.extension } else { self.knots[knot + 1].station };
-        let mut s = self.knots[knot].station;
-        for _ in 0..MAX_ITERATIONS {
-            let (along, slope, _) = residual(s);
-            if along > 0.0 {
-                low = s;
-            } else {
-                high = s;
-            }
-            let newton = s + along / slope;
-            let next = if slope > 0.0 && newton > low && newton < high {
-                newton
-            } else if slope > 0.0 && newton >= high && residual(high).0 >= 0.0 {
-                high
-            } else if slope > 0.0 && newton <= low && residual(low).0 <= 0.0 {
-                low
-            } else {
-                f64::midpoint(low, high)
-            };
-            let moved = (next - s).abs();
-            s = next;
-            if moved <= TOLERANCE {
-                break;
-            }
-        }
-        Frenet { s, l: residual(s).2 }
     }
 
     /// Distances from the line to the lane's own bounds at station `s`, left and right, m; negative if the line is
@@ -338,6 +267,16 @@ fn joined(lanelets: &[&Lanelet], origin: Vector, line: impl Fn(&Lanelet) -> &Pol
     Polyline::new(points)
 }
 
+/// Points at even steps of `spacing` at most, and the step between them, m.
+fn resampled(line: &Polyline, spacing: f64) -> (Vec<Point>, f64) {
+    /// Lengths that are whole numbers of steps but for rounding must not get one more, in steps.
+    const WHOLE: f64 = 1e-6;
+    let steps = (line.length() / spacing - WHOLE).ceil().max(FEWEST_STEPS);
+    let step = (line.length() / steps).max(SHORTEST / FEWEST_STEPS);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of points
+    ((0..=steps as usize).map(|i| line.at(step * i as f64)).collect(), step)
+}
+
 /// The lane's bounds, joined over the chain.
 struct Bounds<'a> {
     left: Option<&'a Polyline>,
@@ -360,7 +299,8 @@ fn offsets(line: &Polyline, points: &[Point]) -> Vec<f64> {
     /// Search behind and ahead of the last foot, m: lanes widen and bend between neighbouring points by less.
     const BEHIND: f64 = 5.0;
     const AHEAD: f64 = 15.0;
-    let mut station = line.project(points[0]).station;
+    // both begin together; where a chain closes a ring its bound comes back to this place
+    let mut station = line.project_between(points[0], 0.0, AHEAD).station;
     points
         .iter()
         .map(|p| {
@@ -376,7 +316,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::map::Scenario;
     use crate::route::tests::{lanelet, two_lane_road};
-    use proptest::prelude::*;
     use std::path::{Path, PathBuf};
 
     /// The folder of real files, if it is there; says so if not.
@@ -399,14 +338,14 @@ pub(crate) mod tests {
         let name = |p: &Path| p.file_stem().unwrap().to_string_lossy().into_owned();
         paths.iter().filter_map(|p| crate::io::commonroad::read_file(p).ok().map(|s| (name(p), s))).collect()
     }
-    const WIDTH: f64 = 1.8;
+    pub(super) const WIDTH: f64 = 1.8;
 
-    fn line(network: &RoadNetwork, chain: &[LaneletId]) -> ReferenceLine {
+    pub(super) fn line(network: &RoadNetwork, chain: &[LaneletId]) -> ReferenceLine {
         ReferenceLine::new(network, chain, WIDTH, &ReferenceSettings::default()).unwrap()
     }
 
     /// A lane 3.5 m wide along a chain of centre points, far from the origin.
-    fn lane_along(points: &[Point], origin: Vector) -> RoadNetwork {
+    pub(super) fn lane_along(points: &[Point], origin: Vector) -> RoadNetwork {
         let normals = smooth::normals(points);
         let side =
             |offset: f64| Polyline::new(points.iter().zip(&normals).map(|(p, n)| p + n * offset + origin)).unwrap();
@@ -416,7 +355,7 @@ pub(crate) mod tests {
     }
 
     /// Straight, a left turn by 90° with the given radius in steps of half a metre, straight.
-    fn turn(radius: f64) -> Vec<Point> {
+    pub(super) fn turn(radius: f64) -> Vec<Point> {
         let arc = radius * std::f64::consts::FRAC_PI_2;
         let on_arc = |s: f64| {
             let a = s / radius;
@@ -429,7 +368,7 @@ pub(crate) mod tests {
         before.chain(within).chain(after).collect()
     }
 
-    const UTM: Vector = Vector::new(6.9e5, 5.3e6);
+    pub(super) const UTM: Vector = Vector::new(6.9e5, 5.3e6);
 
     #[test]
     fn straight_road_stays_straight_and_in_the_middle() {
@@ -516,145 +455,5 @@ pub(crate) mod tests {
         assert!(((after.pose.yaw - before.pose.yaw) / travelled - here.curvature).abs() < 1e-4);
         assert!((here.curvature_rate - (after.curvature - before.curvature) / travelled).abs() < 1e-3);
         assert!(line.offset_pose(s, 20.0).is_none(), "beyond the centre of curvature");
-    }
-
-    #[test]
-    fn the_hint_keeps_the_station_where_the_line_meets_itself() {
-        // a full circle of radius 20: its end is beside its start
-        let circle: Vec<Point> = (0..=125)
-            .map(|i| {
-                let a = f64::from(i) / 20.0;
-                Point::new(20.0 * a.sin(), 20.0 * (1.0 - a.cos()))
-            })
-            .collect();
-        let line = line(&lane_along(&circle, Vector::zeros()), &[1]);
-        let p = Point::new(0.1, 0.0);
-        assert!(line.project_near(p, 1.0).s < 2.0);
-        assert!(line.project_near(p, 124.0).s > 123.0);
-        let far = Point::new(0.0, 40.0);
-        assert!((line.project_near(far, 3.0).s - line.project(far).s).abs() < 1e-9, "a wrong hint does no harm");
-    }
-
-    proptest! {
-        #[test]
-        fn frenet_round_trip(part in 0.0..1.0f64, share in -0.8..0.8f64, radius in 6.0..40.0f64) {
-            let line = line(&lane_along(&turn(radius), UTM), &[1]);
-            let s = part * line.length();
-            // within 0.8 of the radius, of all bends near by, and not wider than roads are
-            let sharpest = (-60..=60).map(|i| line.at(s + f64::from(i) * 0.2).curvature.abs()).fold(0.05, f64::max);
-            let l = share / sharpest;
-            let p = line.from_frenet(s, l);
-            for back in [line.project(p), line.project_near(p, s + 1.0)] {
-                prop_assert!((back.s - s).abs() < 1e-6 && (back.l - l).abs() < 1e-6, "{back:?} for {s} {l}");
-            }
-        }
-
-        #[test]
-        fn projection_is_the_nearest_point(x in -10.0..50.0f64, y in -10.0..40.0f64) {
-            let line = line(&lane_along(&turn(8.0), Vector::zeros()), &[1]);
-            let p = Point::new(x, y);
-            let found = line.project(p);
-            let distance = (line.at(found.s).pose.position - p).norm();
-            prop_assert!((distance - found.l.abs()).abs() < 1e-9 || found.s <= -49.0 || found.s >= line.length() + 49.0);
-            let brute = (-500..=(line.length() * 10.0) as i32 + 500)
-                .map(|i| (line.at(f64::from(i) * 0.1).pose.position - p).norm())
-                .fold(f64::INFINITY, f64::min);
-            prop_assert!(distance <= brute + 1e-3, "{distance} against {brute}");
-        }
-    }
-
-    /// Chains from every lanelet of every real network: built, smooth, inside their lanes, projected back.
-    #[test]
-    fn real_lanes_make_usable_lines() {
-        let Some(folder) = real_data("commonroad") else { return };
-        let settings = ReferenceSettings::default();
-        let (mut count, mut unsmoothed, mut metres, mut seconds) = (0, 0, 0.0, 0.0);
-        let mut worst: Vec<(f64, String)> = Vec::new();
-        for (name, scenario) in real_scenarios(&folder) {
-            let network = &scenario.network;
-            for first in network.lanelets.values().filter(|l| l.is_drivable()) {
-                let mut chain = vec![first.id];
-                let mut length = first.centre.length();
-                while let Some(next) = network.lanelets[chain.last().unwrap()].successors.first() {
-                    if length > 200.0 || chain.contains(next) || !network.lanelets.contains_key(next) {
-                        break;
-                    }
-                    chain.push(*next);
-                    length += network.lanelets[next].centre.length();
-                }
-                let start = std::time::Instant::now();
-                let line = match ReferenceLine::new(network, &chain, WIDTH, &settings) {
-                    Ok(line) => line,
-                    Err(failure) => {
-                        assert!(length < SHORTEST, "{name} {chain:?}: {failure}");
-                        continue;
-                    }
-                };
-                seconds += start.elapsed().as_secs_f64();
-                count += 1;
-                metres += line.length();
-                unsmoothed += u32::from(!line.is_smoothed());
-                let steps = (line.length() / 0.25) as i32;
-                let sharpest = (0..=steps)
-                    .map(|i| (line.at(f64::from(i) * 0.25).curvature.abs(), f64::from(i) * 0.25))
-                    .max_by(|a, b| a.0.total_cmp(&b.0))
-                    .unwrap();
-                worst.push((sharpest.0, format!("{name} {} at {:.1} of {:.1} m", chain[0], sharpest.1, line.length())));
-                for i in 0..=steps / 8 {
-                    let s = f64::from(i) * 2.0;
-                    let back = line.project_near(line.from_frenet(s, 0.3), s);
-                    assert!((back.s - s).abs() < 1e-6, "{name} {}: {s} came back as {}", chain[0], back.s);
-                }
-            }
-        }
-        worst.sort_by(|a, b| b.0.total_cmp(&a.0));
-        println!(
-            "{count} lines, {unsmoothed} unsmoothed, {:.0} m and {:.2} ms on average",
-            metres / f64::from(count),
-            1e3 * seconds / f64::from(count)
-        );
-        let share = |limit: f64| worst.iter().filter(|w| w.0 > limit).count();
-        println!("sharper than 0.2: {}, 0.3: {}, 0.5: {}, 1: {}", share(0.2), share(0.3), share(0.5), share(1.0));
-        for (curvature, place) in worst.iter().take(25) {
-            println!("{curvature:.3} {place}");
-        }
-        assert_eq!(unsmoothed, 0);
-    }
-
-    /// The corridors that the planner will really be given: their lines, and where the start lies on them.
-    #[test]
-    fn real_corridors_hold_their_start_and_goal() {
-        let Some(folder) = real_data("commonroad") else { return };
-        let mut sharpest: Vec<(f64, String)> = Vec::new();
-        for (name, scenario) in real_scenarios(&folder) {
-            for problem in &scenario.problems {
-                let start = problem.initial.centre;
-                let outcome = crate::route::plan(&scenario.network, &start, &problem.goals, &Default::default());
-                for lane in &outcome.route().unwrap().lanes {
-                    let line = line(&scenario.network, &lane.lanelets);
-                    let foot = line.project(start.position);
-                    let tolerance = 1.0 + 0.02 * lane.start_station;
-                    assert!(
-                        (foot.s - lane.start_station).abs() < tolerance,
-                        "{name}: {foot:?} but {}",
-                        lane.start_station
-                    );
-                    if let Some(goal) = lane.goal {
-                        let (near, far) = (line.project(goal.near), line.project(goal.far));
-                        assert!(near.s <= far.s + 1e-6 && near.l.abs() < 1.5, "{name}: {near:?} {far:?}");
-                    }
-                    let reach = line.length().min(foot.s + 150.0);
-                    let steps = ((reach - foot.s).max(0.0) / 0.25) as i32;
-                    let at = |i: i32| (line.at(foot.s + f64::from(i) * 0.25).curvature.abs(), i);
-                    let (curvature, i) = (0..=steps).map(at).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
-                    sharpest.push((curvature, format!("{name} {:?} {:.0} m ahead", lane.side, f64::from(i) * 0.25)));
-                }
-            }
-        }
-        sharpest.sort_by(|a, b| b.0.total_cmp(&a.0));
-        println!("{} corridors, sharpest within 150 m:", sharpest.len());
-        for (curvature, place) in sharpest.iter().take(30) {
-            println!("{curvature:.3} {place}");
-        }
     }
 }

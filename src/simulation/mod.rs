@@ -1,7 +1,7 @@
 //! The physics rig: a rapier world in which the vehicle follows trajectories with mass, tyres and slow actuators.
 //!
 //! The world is seen from above, without gravity. The chassis is one rigid body with the vehicle's mass and yaw inertia
-//! and the footprint as its collider; four tyres push it (`tyre`, `chassis`), turned, driven and braked by actuators with
+//! and the parts of the footprint as its colliders; four tyres push it (`tyre`, `chassis`), turned, driven and braked by actuators with
 //! lag and limits (`actuators`), which a tracking controller commands (`controller`). Obstacles are colliders: fixed ones,
 //! moving ones on their predicted trajectories, set-based ones as regions for their interval. Nothing pushes back: the
 //! first touch is logged and ends the run.
@@ -42,6 +42,9 @@ pub enum SimulationError {
     /// The initial state has a number that is not finite.
     #[error("the vehicle's initial state is not finite: {0}")]
     InitialState(String),
+    /// A part of the vehicle's footprint is no convex polygon with an area.
+    #[error("the vehicle's footprint has a part without area")]
+    Footprint,
     /// An obstacle has a number that is not finite, or no shape.
     #[error("obstacle {id}: {message}")]
     Obstacle {

@@ -13,9 +13,10 @@ use rapier2d::math::{Pose as RapierPose, Vector as RapierVector};
 use rapier2d::pipeline::PhysicsPipeline;
 use rapier2d::prelude::MassProperties;
 
+use super::SimulationError;
 use super::chassis::Wrench;
-use super::convert::{Frame, vector};
-use crate::vehicle::{State, Vehicle};
+use super::convert::{Frame, local, vector};
+use crate::vehicle::{Footprint, State, Vehicle};
 
 /// Rapier's sets, and how they are stepped.
 pub(super) struct Physics {
@@ -30,6 +31,27 @@ pub(super) struct Physics {
     multibody_joints: MultibodyJointSet,
     soft_bodies: SoftBodySet,
     ccd: CCDSolver,
+}
+
+/// The collider of one part of the vehicle's footprint.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PartCollider {
+    pub(super) collider: ColliderHandle,
+    /// Where the collider's frame lies: distance before the rear axle, m.
+    pub(super) at: f64,
+}
+
+/// Shapes of the footprint's parts, each with the place of its frame before the rear axle, m.
+fn part_shapes(footprint: &Footprint) -> Result<Vec<(f64, SharedShape)>, SimulationError> {
+    if footprint.is_rectangle() {
+        let cuboid = SharedShape::cuboid(0.5 * footprint.length(), 0.5 * footprint.width());
+        return Ok(vec![(footprint.rear_axle_to_centre(), cuboid)]);
+    }
+    let polygon = |corners: &Vec<_>| {
+        let shape = SharedShape::convex_polyline(corners.iter().map(|p| local(*p)).collect());
+        shape.map(|shape| (0.0, shape)).ok_or(SimulationError::Footprint)
+    };
+    footprint.parts().iter().map(polygon).collect()
 }
 
 impl Clone for Physics {
@@ -79,13 +101,14 @@ impl Physics {
         }
     }
 
-    /// Inserts the chassis, its frame at the centre of mass, with the footprint as collider.
+    /// Inserts the chassis, its frame at the centre of mass, with the parts of the footprint as colliders: mass and
+    /// inertia are the vehicle's, the colliders weigh nothing.
     pub(super) fn insert_vehicle(
         &mut self,
         vehicle: &Vehicle,
         frame: &Frame,
         initial: &State,
-    ) -> (RigidBodyHandle, ColliderHandle) {
+    ) -> Result<(RigidBodyHandle, Vec<PartCollider>), SimulationError> {
         let to_mass = vehicle.rear_axle_to_mass;
         let velocity = initial.pose.forward() * initial.speed + initial.pose.left() * (initial.yaw_rate * to_mass);
         let mass = MassProperties::new(RapierVector::ZERO, vehicle.mass, vehicle.yaw_inertia);
@@ -96,14 +119,16 @@ impl Physics {
             .additional_mass_properties(mass)
             .can_sleep(false);
         let handle = self.bodies.insert(body);
-        let centre = RapierVector::new(vehicle.rear_axle_to_centre - to_mass, 0.0);
-        let footprint = ColliderBuilder::cuboid(0.5 * vehicle.length, 0.5 * vehicle.width)
-            .translation(centre)
-            .density(0.0)
-            // contacts are found, but never pushed apart
-            .solver_groups(InteractionGroups::new(Group::NONE, Group::NONE, InteractionTestMode::And));
-        let footprint = self.colliders.insert_with_parent(footprint, handle, &mut self.bodies);
-        (handle, footprint)
+        let footprint = part_shapes(&vehicle.footprint)?.into_iter().map(|(at, shape)| {
+            let collider = ColliderBuilder::new(shape)
+                .translation(RapierVector::new(at - to_mass, 0.0))
+                .density(0.0)
+                // contacts are found, but never pushed apart
+                .solver_groups(InteractionGroups::new(Group::NONE, Group::NONE, InteractionTestMode::And));
+            PartCollider { collider: self.colliders.insert_with_parent(collider, handle, &mut self.bodies), at }
+        });
+        let footprint = footprint.collect();
+        Ok((handle, footprint))
     }
 
     /// Inserts a body with its colliders, all marked with `user_data`.

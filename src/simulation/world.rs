@@ -3,15 +3,15 @@
 use std::sync::Arc;
 
 use rapier2d::dynamics::RigidBodyHandle;
-use rapier2d::geometry::ColliderHandle;
+use rapier2d::geometry::ContactPair;
 
 use super::actuators::{ActuatorState, Command};
 use super::chassis::{GRAVITY, Motion, RunningGear, Wrench};
 use super::convert::{Frame, point};
 use super::obstacles::{Obstacles, REVIEW};
-use super::physics::Physics;
+use super::physics::{PartCollider, Physics};
 use super::{Contact, Log, Sample, Settings, SimulationError, controller};
-use crate::geometry::{Pose, Vector, wrap_angle};
+use crate::geometry::{Point, Pose, Vector, wrap_angle};
 use crate::map::Obstacle;
 use crate::trajectory::{Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
@@ -26,7 +26,7 @@ pub struct World {
     frame: Frame,
     obstacles: Obstacles,
     chassis: RigidBodyHandle,
-    footprint: ColliderHandle,
+    footprint: Vec<PartCollider>,
     gear: RunningGear,
     actuators: ActuatorState,
     command: Command,
@@ -75,7 +75,7 @@ impl World {
         }
         let frame = Frame::at(pose.position);
         let mut physics = Physics::new(settings.step);
-        let (chassis, footprint) = physics.insert_vehicle(vehicle, &frame, initial);
+        let (chassis, footprint) = physics.insert_vehicle(vehicle, &frame, initial)?;
         let resistance = controller::resistance(vehicle, speed);
         let effort = if speed == 0.0 && acceleration == 0.0 { 0.0 } else { acceleration + resistance };
         let obstacles = Obstacles::new(obstacles, &frame)?;
@@ -226,30 +226,35 @@ impl World {
             let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
             // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
             let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;
-            let outline = self.vehicle.footprint().iter().fold(0.0, |r: f64, p| r.max(p.coords.norm()));
-            self.obstacles.review(time, pose.position, outline + travel);
+            self.obstacles.review(time, pose.position, self.vehicle.footprint.reach() + travel);
         }
         self.obstacles.place(&mut self.physics, time);
     }
 
     /// The deepest contact with an obstacle of the lowest index, if any is touched.
     fn contact(&self, time: f64, speed: f64) -> Option<Contact> {
-        let touching = self.physics.narrow_phase.contact_pairs_with(self.footprint).filter_map(|pair| {
-            let (_, deepest) = pair.find_deepest_contact()?;
-            if deepest.dist > 0.0 {
-                return None;
-            }
-            let (other, here) = if pair.collider1 == self.footprint {
-                (pair.collider2, deepest.local_p1)
-            } else {
-                (pair.collider1, deepest.local_p2)
-            };
-            let index = self.physics.colliders.get(other)?.user_data;
-            Some((index, deepest.dist, here))
-        });
-        let first = touching.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))?;
-        let at = point(first.2) + Vector::new(self.vehicle.rear_axle_to_centre, 0.0);
-        Some(Contact { time, obstacle: self.obstacles.id(first.0)?, at_rear_axle_frame: at, speed })
+        let pairs = self
+            .footprint
+            .iter()
+            .flat_map(|part| self.physics.narrow_phase.contact_pairs_with(part.collider).map(move |pair| (part, pair)));
+        let touching = pairs.filter_map(|(part, pair)| self.touch(part, pair));
+        let (index, _, at) = touching.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))?;
+        Some(Contact { time, obstacle: self.obstacles.id(index)?, at_rear_axle_frame: at, speed })
+    }
+
+    /// What a part touches: the obstacle's index, the distance (negative) and the place in the rear-axle frame.
+    fn touch(&self, part: &PartCollider, pair: &ContactPair) -> Option<(u128, f64, Point)> {
+        let (_, deepest) = pair.find_deepest_contact()?;
+        if deepest.dist > 0.0 {
+            return None;
+        }
+        let (other, here) = if pair.collider1 == part.collider {
+            (pair.collider2, deepest.local_p1)
+        } else {
+            (pair.collider1, deepest.local_p2)
+        };
+        let index = self.physics.colliders.get(other)?.user_data;
+        Some((index, deepest.dist, point(here) + Vector::new(part.at, 0.0)))
     }
 
     fn rear_axle(&self) -> Pose {

@@ -63,7 +63,7 @@ struct Seen {
 impl Seen {
     /// Whether the bin was not in it before.
     fn insert(&mut self, speed: usize, time: usize) -> bool {
-        let word = self.words.entry((speed as u64) << 32 | time as u64 / 64).or_default();
+        let word = self.words.entry(((speed as u64) << 32) | (time as u64 / 64)).or_default();
         let bit = 1 << (time % 64);
         let new = *word & bit == 0;
         *word |= bit;

@@ -41,7 +41,7 @@ pub enum ProblemError {
         expected: usize,
     },
     /// A station is not a number, or not beyond the one before.
-    #[error("station {index} ({station} m) is not beyond the one before it")]
+    #[error("station {index} ({station} m) is not a number beyond the one before it")]
     Stations {
         /// Which station.
         index: usize,
@@ -167,9 +167,11 @@ impl SpeedProblem {
                 return Err(ProblemError::Length { what, got, expected });
             }
         }
-        let finite = |s: f64| if s.is_finite() { s } else { f64::NAN };
+        if let Some(index) = self.stations.iter().position(|s| !s.is_finite()) {
+            return Err(ProblemError::Stations { index, station: self.stations[index] });
+        }
         for (index, pair) in self.stations.windows(2).enumerate() {
-            if !(finite(pair[1]) > finite(pair[0])) {
+            if pair[1] <= pair[0] {
                 return Err(ProblemError::Stations { index: index + 1, station: pair[1] });
             }
         }

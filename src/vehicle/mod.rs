@@ -4,12 +4,16 @@
 //! [`Vehicle::rear_axle_of_centre`] convert to and from the centre that CommonRoad files use.
 
 mod dynamics;
+mod footprint;
+mod mesh;
 mod read;
 mod urdf;
 
-pub use read::{VehicleError, builtin_names, load};
+pub use footprint::{Footprint, FootprintError, LARGEST_REACH, MOST_CORNERS, MOST_PARTS};
+pub use mesh::MeshError;
+pub use read::{VehicleError, builtin_names, files_of, load};
 
-use crate::geometry::{Point, Pose};
+use crate::geometry::Pose;
 
 /// A vehicle, checked when read: every number finite, masses and lengths positive.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,13 +22,15 @@ pub struct Vehicle {
     pub name: String,
     /// CommonRoad vehicle type id (1 Ford Escort, 2 BMW 320i, 3 VW Vanagon), when it is one of the published ones.
     pub commonroad_type: Option<u8>,
-    /// Outer length of the footprint, m.
+    /// What it covers on the ground.
+    pub footprint: Footprint,
+    /// Outer length of the footprint, m: [`Footprint::length`].
     pub length: f64,
-    /// Outer width of the footprint, m.
+    /// Outer width of the footprint, m: [`Footprint::width`].
     pub width: f64,
     /// Distance between the axles, m.
     pub wheelbase: f64,
-    /// Distance from the rear axle forward to the middle of the footprint, m.
+    /// Distance from the rear axle forward to the middle of the footprint, m: [`Footprint::rear_axle_to_centre`].
     pub rear_axle_to_centre: f64,
     /// Distance from the rear axle forward to the centre of mass, m.
     pub rear_axle_to_mass: f64,
@@ -129,15 +135,6 @@ impl Vehicle {
     #[must_use]
     pub fn rear_axle_of_centre(&self, centre: &Pose) -> Pose {
         centre.advanced(-self.rear_axle_to_centre)
-    }
-
-    /// The footprint's corners in the rear-axle frame, counter-clockwise from rear right.
-    #[must_use]
-    pub fn footprint(&self) -> [Point; 4] {
-        let (front, rear) =
-            (self.rear_axle_to_centre + 0.5 * self.length, self.rear_axle_to_centre - 0.5 * self.length);
-        let half = 0.5 * self.width;
-        [Point::new(rear, -half), Point::new(front, -half), Point::new(front, half), Point::new(rear, half)]
     }
 
     /// Distance from the rear axle to the front bumper, m.

@@ -3,29 +3,53 @@
 //! A few vehicles are built into the program; others are read from a folder. Every number is checked here, once: what
 //! [`load`] returns needs no further checks.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::mesh::{MOST_BYTES, MeshError};
 use super::{Vehicle, dynamics, urdf};
 
-/// The vehicles embedded in the program: name, `vehicle.urdf`, `dynamics.toml`.
-const BUILTIN: [(&str, &str, &str); 2] = [
-    (
-        "bmw_320i",
-        include_str!("../../vehicles/bmw_320i/vehicle.urdf"),
-        include_str!("../../vehicles/bmw_320i/dynamics.toml"),
-    ),
-    (
-        "ford_escort",
-        include_str!("../../vehicles/ford_escort/vehicle.urdf"),
-        include_str!("../../vehicles/ford_escort/dynamics.toml"),
-    ),
+/// A vehicle embedded in the program.
+struct Builtin {
+    name: &'static str,
+    urdf: &'static str,
+    dynamics: &'static str,
+    /// Mesh files by their names in the URDF.
+    meshes: &'static [(&'static str, &'static [u8])],
+}
+
+const BUILTIN: [Builtin; 4] = [
+    Builtin {
+        name: "bmw_320i",
+        urdf: include_str!("../../vehicles/bmw_320i/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/bmw_320i/dynamics.toml"),
+        meshes: &[],
+    },
+    Builtin {
+        name: "ford_escort",
+        urdf: include_str!("../../vehicles/ford_escort/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/ford_escort/dynamics.toml"),
+        meshes: &[],
+    },
+    Builtin {
+        name: "truck",
+        urdf: include_str!("../../vehicles/truck/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/truck/dynamics.toml"),
+        meshes: &[],
+    },
+    Builtin {
+        name: "f1tenth",
+        urdf: include_str!("../../vehicles/f1tenth/vehicle.urdf"),
+        dynamics: include_str!("../../vehicles/f1tenth/dynamics.toml"),
+        meshes: &[("body.obj", include_bytes!("../../vehicles/f1tenth/body.obj"))],
+    },
 ];
 
 const BUILTIN_NAMES: [&str; BUILTIN.len()] = {
     let mut names = [""; BUILTIN.len()];
     let mut i = 0;
     while i < names.len() {
-        names[i] = BUILTIN[i].0;
+        names[i] = BUILTIN[i].name;
         i += 1;
     }
     names
@@ -81,6 +105,18 @@ pub enum VehicleError {
         /// What is wrong, with the line.
         message: String,
     },
+    /// A mesh of the footprint that cannot be read.
+    #[error("{}: {element}: mesh `{mesh}`: {source}", file.display())]
+    Mesh {
+        /// The URDF.
+        file: PathBuf,
+        /// The element, with its name: `link base_link, collision 1`.
+        element: String,
+        /// The mesh, as the URDF names it.
+        mesh: String,
+        /// What is wrong.
+        source: MeshError,
+    },
     /// An element that is missing or has a value out of its range.
     #[error("{}: {element}: {found}; expected {expected}", file.display())]
     Element {
@@ -107,8 +143,14 @@ pub fn builtin_names() -> &'static [&'static str] {
 /// # Errors
 /// An unknown name, an unreadable file, or a value out of its range.
 pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
-    if let Some((name, urdf, toml)) = BUILTIN.iter().find(|(name, ..)| *name == name_or_folder) {
-        return assemble(name, &Path::new("vehicles").join(name), urdf, toml);
+    if let Some(Builtin { name, urdf, dynamics, meshes }) = BUILTIN.iter().find(|b| b.name == name_or_folder) {
+        let mesh = |wanted: &str| {
+            let found = meshes.iter().find(|(name, _)| *name == wanted);
+            found
+                .map(|(_, bytes)| bytes.to_vec())
+                .ok_or_else(|| std::io::Error::from(std::io::ErrorKind::NotFound).into())
+        };
+        return assemble(name, &Path::new("vehicles").join(name), urdf, dynamics, &mesh);
     }
     let given = Path::new(name_or_folder);
     let folder = if given.is_file() { given.parent().unwrap_or(given) } else { given };
@@ -122,20 +164,47 @@ pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
     let (urdf, toml) = (read("vehicle.urdf")?, read("dynamics.toml")?);
     let absolute = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let name = absolute.file_name().map_or_else(|| name_or_folder.to_owned(), |n| n.to_string_lossy().into_owned());
-    assemble(&name, folder, &urdf, &toml)
+    assemble(&name, folder, &urdf, &toml, &|mesh| read_mesh(&folder.join(mesh)))
 }
 
-/// Puts together what the two files say.
-fn assemble(name: &str, folder: &Path, urdf_text: &str, toml_text: &str) -> Result<Vehicle, VehicleError> {
-    let body = urdf::read(&folder.join("vehicle.urdf"), urdf_text)?;
+/// The files that a vehicle's folder is read from; none for one that is built in.
+#[must_use]
+pub fn files_of(name_or_folder: &str) -> Vec<PathBuf> {
+    let given = Path::new(name_or_folder);
+    let folder = if given.is_file() { given.parent().unwrap_or(given) } else { given };
+    let is_read = |file: &PathBuf| {
+        let kind = file.extension().map(|e| e.to_string_lossy().to_lowercase());
+        matches!(kind.as_deref(), Some("urdf" | "toml" | "obj" | "stl"))
+    };
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    entries.flatten().map(|entry| entry.path()).filter(is_read).collect()
+}
+
+/// Reads a mesh file, unless it is too large to be one for collision.
+fn read_mesh(file: &Path) -> Result<Vec<u8>, MeshError> {
+    let mut bytes = Vec::new();
+    std::fs::File::open(file)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES { Err(MeshError::TooLarge) } else { Ok(bytes) }
+}
+
+/// Puts together what the two files and the meshes say.
+fn assemble(
+    name: &str,
+    folder: &Path,
+    urdf_text: &str,
+    toml_text: &str,
+    meshes: urdf::MeshFiles<'_>,
+) -> Result<Vehicle, VehicleError> {
+    let body = urdf::read(&folder.join("vehicle.urdf"), urdf_text, meshes)?;
     let dynamics = dynamics::read(&folder.join("dynamics.toml"), toml_text)?;
     Ok(Vehicle {
         name: name.to_owned(),
         commonroad_type: dynamics.commonroad_type,
-        length: body.length,
-        width: body.width,
+        length: body.footprint.length(),
+        width: body.footprint.width(),
         wheelbase: body.wheelbase,
-        rear_axle_to_centre: body.rear_axle_to_centre,
+        rear_axle_to_centre: body.footprint.rear_axle_to_centre(),
+        footprint: body.footprint,
         rear_axle_to_mass: body.rear_axle_to_mass,
         mass_height: body.mass_height,
         track_width: body.track_width,
@@ -155,7 +224,12 @@ mod tests {
     use super::*;
 
     fn bmw() -> (&'static str, &'static str) {
-        (BUILTIN[0].1, BUILTIN[0].2)
+        (BUILTIN[0].urdf, BUILTIN[0].dynamics)
+    }
+
+    /// Puts files of no folder together: no mesh is found.
+    fn assemble(name: &str, folder: &Path, urdf: &str, toml: &str) -> Result<Vehicle, VehicleError> {
+        super::assemble(name, folder, urdf, toml, &|mesh| read_mesh(&Path::new("no/such/folder").join(mesh)))
     }
 
     /// Reads the BMW with one text of one file replaced.
@@ -263,8 +337,6 @@ mod tests {
             ("upper=\"1.066\"", "upper=\"0\"", "joint front_left_steering"),
             ("lower=\"-1.066\" upper=\"1.066\"", "lower=\"-2\" upper=\"2\"", "joint front_left_steering"),
             ("velocity=\"0.4\"", "velocity=\"0\"", "joint front_left_steering"),
-            ("<box size=\"4.508 1.61 1.415\"/>", "<mesh filename=\"body.stl\"/>", "link base_link: no collision box"),
-            ("<box size=\"4.508 1.61 1.415\"/>", "<box size=\"4.508 0 1.4\"/>", "link base_link"),
             (
                 "<cylinder radius=\"0.344\" length=\"0.205\"/>",
                 "<cylinder radius=\"0\" length=\"0.2\"/>",
@@ -277,6 +349,178 @@ mod tests {
             let message = broken((old, new), same);
             assert!(message.contains(part) && message.contains("vehicle.urdf"), "{new}: {message}");
         }
+    }
+
+    const BOX: &str = "<box size=\"4.508 1.61 1.415\"/>";
+    const BOX_ORIGIN: &str = "<origin xyz=\"1.4227170936 0 0.7075\"/>";
+
+    /// Reads the BMW with its box replaced, from a folder that holds the given mesh files.
+    fn with_geometry(geometry: &str, meshes: &[(&str, &[u8])]) -> Result<Vehicle, VehicleError> {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in meshes {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        std::fs::write(folder.path().join("vehicle.urdf"), bmw().0.replacen(BOX, geometry, 1)).unwrap();
+        std::fs::write(folder.path().join("dynamics.toml"), bmw().1).unwrap();
+        load(folder.path().to_str().unwrap())
+    }
+
+    #[test]
+    fn the_footprint_of_one_box_is_its_rectangle_to_the_bit() {
+        for (name, length, width, centre) in
+            [("bmw_320i", 4.508, 1.61, 1.422_717_093_6), ("ford_escort", 4.298, 1.674, 1.508_76)]
+        {
+            let v = load(name).unwrap();
+            assert_eq!((v.length, v.width, v.rear_axle_to_centre), (length, width, centre));
+            assert_eq!(v.footprint, super::super::Footprint::rectangle(length, width, centre));
+            assert!(v.footprint.is_rectangle());
+        }
+    }
+
+    #[test]
+    fn the_truck_has_a_cab_narrower_than_its_box_and_the_robot_a_hexagon() {
+        let truck = load("truck").unwrap();
+        let widths: Vec<f64> =
+            (truck.footprint.parts().iter()).map(|part| 2.0 * part.iter().fold(0.0, |w: f64, p| w.max(p.y))).collect();
+        assert_eq!(widths, [2.55, 2.3]);
+        assert!((truck.length - 9.15).abs() < 1e-9 && (truck.front_overhang_from_rear_axle() - 7.32).abs() < 1e-9);
+        // AASHTO: 11.58 m for the front axle's middle at the largest steering angle
+        let radius = truck.wheelbase / truck.limits.steering.sin();
+        assert!((radius - 11.58).abs() < 0.05, "{radius}");
+        let robot = load("f1tenth").unwrap();
+        assert_eq!((robot.footprint.parts().len(), robot.footprint.parts()[0].len()), (1, 6));
+        assert!((robot.length - 0.58).abs() < 1e-9 && (robot.width - 0.31).abs() < 1e-9);
+        for (what, is, published) in [
+            ("mass", robot.mass, 3.74),
+            ("yaw inertia", robot.yaw_inertia, 0.04712),
+            ("centre of mass", robot.rear_axle_to_mass, 0.17145),
+            ("height", robot.mass_height, 0.074),
+            ("wheelbase", robot.wheelbase, 0.15875 + 0.17145),
+        ] {
+            assert!((is / published - 1.0).abs() < 1e-6, "{what} is {is}, published is {published}");
+        }
+    }
+
+    #[test]
+    fn a_turned_box_is_covered_as_it_lies() {
+        let read = |origin: &str| {
+            let urdf = bmw().0.replacen(BOX_ORIGIN, origin, 1);
+            assemble("x", Path::new("x"), &urdf, bmw().1).unwrap()
+        };
+        let quarter = read("<origin xyz=\"1.4 0 0.7\" rpy=\"0 0 1.5707963267948966\"/>");
+        assert!(quarter.footprint.is_rectangle());
+        assert!((quarter.length - 1.61).abs() < 1e-9 && (quarter.width - 4.508).abs() < 1e-9);
+        let eighth = read("<origin xyz=\"1.4 0 0.7\" rpy=\"0 0 0.7853981633974483\"/>");
+        let side = (4.508 + 1.61) / 2f64.sqrt();
+        assert!((eighth.length - side).abs() < 1e-9 && (eighth.width - side).abs() < 1e-9);
+        assert_eq!(eighth.footprint.parts()[0].len(), 4);
+        // stood on end, a box covers its height
+        let on_end = read("<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.5707963267948966 0\"/>");
+        assert!((on_end.length - 1.415).abs() < 1e-9 && (on_end.width - 1.61).abs() < 1e-9);
+        let aside = read("<origin xyz=\"1.4 0.2 0.7\"/>");
+        assert!((aside.width - 2.01).abs() < 1e-9 && !aside.footprint.is_rectangle());
+    }
+
+    #[test]
+    fn parts_on_fixed_links_count_and_those_that_move_are_refused() {
+        let rack = |kind: &str| {
+            let link = "<link name=\"rack\"><collision><origin xyz=\"-0.1 0 0\"/><geometry><box size=\"0.6 1.7 1\"/>\
+                        </geometry></collision></link>";
+            let joint = format!(
+                "<joint name=\"mount\" type=\"{kind}\"><parent link=\"base_link\"/><child link=\"rack\"/>\
+                 <origin xyz=\"-1.0 0 0.5\" rpy=\"0 0 3.141592653589793\"/><axis xyz=\"0 0 1\"/>\
+                 <limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/></joint></robot>"
+            );
+            let urdf = bmw().0.replacen("</robot>", &format!("{link}{joint}"), 1);
+            assemble("x", Path::new("x"), &urdf, bmw().1)
+        };
+        let v = rack("fixed").unwrap();
+        // the link is turned round, so that -0.1 leads forward: from -1.2 to -0.6
+        let rear = v.footprint.parts()[1].iter().fold(f64::INFINITY, |a, p| a.min(p.x));
+        assert!((rear + 1.2).abs() < 1e-9 && v.footprint.parts().len() == 2);
+        assert!((v.width - 1.7).abs() < 1e-9 && (v.length - (1.2 + v.front_overhang_from_rear_axle())).abs() < 1e-9);
+        let message = rack("prismatic").unwrap_err().to_string();
+        assert!(message.contains("link rack") && message.contains("joint mount"), "{message}");
+    }
+
+    #[test]
+    fn round_bodies_are_covered_by_polygons_two_percent_larger() {
+        let v = with_geometry("<cylinder radius=\"0.9\" length=\"1.2\"/>", &[]).unwrap();
+        assert!((v.length - 1.8).abs() < 1e-9 && (v.width - 1.8).abs() < 1e-9 && v.footprint.parts()[0].len() == 16);
+        let v = with_geometry("<sphere radius=\"0.9\"/>", &[]).unwrap();
+        assert!((v.length - 1.8).abs() < 1e-9);
+        let turned = bmw().0.replacen(BOX, "<capsule radius=\"0.5\" length=\"3\"/>", 1);
+        let turned = turned.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.5707963267948966 0\"/>", 1);
+        let v = assemble("x", Path::new("x"), &turned, bmw().1).unwrap();
+        assert!((v.length - 4.0).abs() < 1e-9 && (v.width - 1.0).abs() < 1e-9, "{} {}", v.length, v.width);
+        let lying = bmw().0.replacen(BOX, "<cylinder radius=\"0.5\" length=\"3\"/>", 1);
+        let lying = lying.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.57 0\"/>", 1);
+        let message = assemble("x", Path::new("x"), &lying, bmw().1).unwrap_err().to_string();
+        assert!(message.contains("lies or leans") && message.contains("base_link, collision 1"), "{message}");
+    }
+
+    #[test]
+    fn meshes_beside_the_urdf_give_their_hull() {
+        let obj = b"v -2 -0.8 0\nv 2 -0.8 0\nv 2.5 0 1\nv 2 0.8 0\nv -2 0.8 0\nv 0 0 3\n";
+        let v = with_geometry("<mesh filename=\"body.obj\"/>", &[("body.obj", obj)]).unwrap();
+        assert_eq!(v.footprint.parts()[0].len(), 5);
+        assert!((v.length - 4.5).abs() < 1e-9 && (v.width - 1.6).abs() < 1e-9);
+        let scaled = "<mesh filename=\"body.obj\" scale=\"0.5 -1 1\"/>";
+        let v = with_geometry(scaled, &[("body.obj", obj)]).unwrap();
+        assert!((v.length - 2.25).abs() < 1e-9);
+        let stl = b"solid x\nvertex 0 -0.8 0\nvertex 2.5 0 1\nvertex 0 0.8 0\nendsolid";
+        let v = with_geometry("<mesh filename=\"body.STL\"/>", &[("body.STL", stl)]).unwrap();
+        assert_eq!(v.footprint.parts()[0].len(), 3);
+    }
+
+    #[test]
+    fn one_wrong_thing_in_the_footprint_is_named_with_file_and_element() {
+        let line = b"v 0 0 0\nv 1 1 0\nv 2 2 5";
+        let mm = b"v -2000 -800 0\nv 2000 -800 0\nv 0 800 0";
+        let files: [(&str, &[u8]); 6] = [
+            ("line.obj", line),
+            ("empty.obj", b"# nothing\n"),
+            ("bad.obj", b"v 1 2"),
+            ("nan.obj", b"v 1 nan 2"),
+            ("cut.stl", b"not an stl"),
+            ("mm.obj", mm),
+        ];
+        let many = format!(
+            "{BOX}</geometry></collision>{}",
+            "<collision><geometry><box size=\"1 1 1\"/></geometry></collision>".repeat(40)
+        );
+        let many = many.strip_suffix("</geometry></collision>").unwrap();
+        for (geometry, part) in [
+            ("<box size=\"4.508 0 1.4\"/>", "collision 1: a box of 4.508 0 1.4"),
+            ("<box size=\"-4.508 1 1.4\"/>", "collision 1: a box of -4.508"),
+            ("<box size=\"nan 1 1.4\"/>", "collision 1: a box of NaN"),
+            ("<box size=\"4 1\"/>", "vehicle.urdf"),
+            ("<sphere radius=\"0\"/>", "collision 1: a sphere of 0"),
+            ("<cylinder radius=\"1\" length=\"-1\"/>", "collision 1: a cylinder of 1 -1"),
+            ("<capsule radius=\"inf\" length=\"1\"/>", "collision 1: a capsule of inf 1"),
+            ("<box size=\"400 1 1\"/>", "collision 1: a footprint with a corner 201.4 m from the rear axle"),
+            ("<mesh filename=\"none.obj\"/>", "collision 1: mesh `none.obj`: cannot be read"),
+            ("<mesh filename=\"package://car/body.stl\"/>", "mesh `package://car/body.stl`: an address"),
+            ("<mesh filename=\"body.dae\"/>", "mesh `body.dae`: unknown kind"),
+            ("<mesh filename=\"line.obj\"/>", "collision 1: a footprint with no area"),
+            ("<mesh filename=\"empty.obj\"/>", "mesh `empty.obj`: no vertices"),
+            ("<mesh filename=\"bad.obj\"/>", "mesh `bad.obj`: line 1"),
+            ("<mesh filename=\"nan.obj\"/>", "mesh `nan.obj`: vertex 1"),
+            ("<mesh filename=\"cut.stl\"/>", "mesh `cut.stl`: neither a text STL"),
+            ("<mesh filename=\"mm.obj\"/>", "in millimetres"),
+            ("<mesh filename=\"mm.obj\" scale=\"0 1 1\"/>", "collision 1: scale 0 1 1"),
+            ("<mesh filename=\"mm.obj\" scale=\"1e300 1e300 1\"/>", "link base_link, collision 1"),
+            (many, "link base_link: a footprint with 41 parts"),
+        ] {
+            let Err(error) = with_geometry(geometry, &files) else { panic!("accepted {geometry}") };
+            let message = error.to_string();
+            assert!(message.contains(part) && message.contains("vehicle.urdf"), "{geometry}: {message}");
+        }
+        let bare = bmw().0;
+        let (start, end) = (bare.find("    <collision>").unwrap(), bare.find("</collision>\n").unwrap());
+        let bare = format!("{}{}", &bare[..start], &bare[end + "</collision>\n".len()..]);
+        let message = assemble("x", Path::new("x"), &bare, bmw().1).unwrap_err().to_string();
+        assert!(message.contains("link base_link: a footprint with no parts"), "{message}");
     }
 
     #[test]

@@ -1,27 +1,34 @@
-//! `vehicle.urdf`: masses, inertia, axles, steering limits and outline, read with `urdf-rs`.
+//! `vehicle.urdf`: masses, inertia, axles, steering limits and footprint, read with `urdf-rs`.
 //!
-//! What is expected of the URDF: one root link with an inertial element and a collision box that is the outline; wheel
-//! links on continuous joints, two of them turned by revolute joints about the vertical (the steering). The frame of the
-//! root link may lie anywhere: every length is taken from the wheels. Mass, centre of mass and yaw inertia are summed
-//! over all links by the parallel axis theorem.
+//! What is expected of the URDF: one root link with an inertial element; wheel links on continuous joints, two of them
+//! turned by revolute joints about the vertical (the steering). The frame of the root link may lie anywhere: every length
+//! is taken from the wheels. Mass, centre of mass and yaw inertia are summed over all links by the parallel axis theorem.
+//!
+//! The footprint is made of the `<collision>` elements of the root and of all links that hang on it by fixed joints,
+//! each projected to the ground as one convex polygon: boxes and meshes (OBJ or STL beside the URDF) exactly, in any
+//! orientation; spheres, capsules and upright cylinders as polygons of 16 corners around them (2 % larger). Wheels and
+//! what steers them are not in it, as they turn inside the outline. Any other link that moves and has collision elements
+//! is refused: a hinged trailer would be overlooked.
 //!
 //! Weak where: joints are taken in their zero position, and rotated frames (`rpy`) are followed for positions and for yaw
-//! only as far as the plane needs: an inertial frame that is rolled or pitched is refused.
+//! only as far as the plane needs: an inertial frame that is rolled or pitched is refused. Wheels that stand out of the
+//! body, as on some robots, are covered only if the body's collision elements are drawn around them.
 
 use std::path::Path;
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use urdf_rs::{Geometry, Joint, JointType, Link, Robot};
 
 use super::VehicleError;
+use super::footprint::{Footprint, around_disc};
+use super::mesh::{self, MeshError};
+use crate::geometry::Point;
 
 /// What the file says about the body.
 #[derive(Debug)]
 pub(super) struct Body {
-    pub(super) length: f64,
-    pub(super) width: f64,
+    pub(super) footprint: Footprint,
     pub(super) wheelbase: f64,
-    pub(super) rear_axle_to_centre: f64,
     pub(super) rear_axle_to_mass: f64,
     pub(super) mass_height: f64,
     pub(super) track_width: f64,
@@ -39,12 +46,15 @@ const MAX_DEPTH: usize = 64;
 /// Frames may lie this far off (m, rad) what they should be: files are written with rounded decimals.
 const FRAME_TOLERANCE: f64 = 1e-3;
 
+/// Gives the bytes of a mesh file by its name in the URDF.
+pub(super) type MeshFiles<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, MeshError>;
+
 /// Reads and checks the file's text.
-pub(super) fn read(file: &Path, text: &str) -> Result<Body, VehicleError> {
+pub(super) fn read(file: &Path, text: &str, meshes: MeshFiles<'_>) -> Result<Body, VehicleError> {
     let with_inertial = check_xml(file, text)?;
     let robot = urdf_rs::read_from_string(text)
         .map_err(|e| VehicleError::NotUrdf { file: file.to_owned(), message: e.to_string() })?;
-    Reader { file, robot: &robot, with_inertial }.body()
+    Reader { file, robot: &robot, with_inertial, meshes }.body()
 }
 
 /// Checks what `urdf-rs` takes for granted, and returns the names of the links that have an inertial element (absent
@@ -79,6 +89,8 @@ struct Placed<'a> {
     joint: Option<&'a Joint>,
     /// The revolute joint that turns it, somewhere between it and the root.
     steered_by: Option<&'a Joint>,
+    /// The first joint from the root that can move; `None` for what is fixed to the root.
+    moved_by: Option<&'a Joint>,
 }
 
 struct Wheel<'a> {
@@ -92,6 +104,7 @@ struct Reader<'a> {
     file: &'a Path,
     robot: &'a Robot,
     with_inertial: Vec<String>,
+    meshes: MeshFiles<'a>,
 }
 
 impl<'a> Reader<'a> {
@@ -127,17 +140,15 @@ impl<'a> Reader<'a> {
         if centre.y.abs() > FRAME_TOLERANCE {
             return self.element("centre of mass".into(), format!("{} m to the left", centre.y), "the middle (y = 0)");
         }
-        let (outline_x, length, width) = self.outline(&links)?;
+        let footprint = self.footprint(&links, rear_x)?;
         let (rear_axle_to_mass, mass_height) = (centre.x - rear_x, centre.z - ground);
         if !(0.0..=wheelbase).contains(&rear_axle_to_mass) || mass_height < 0.0 {
             let found = format!("{rear_axle_to_mass} m before the rear axle, {mass_height} m above the ground");
             return self.element("centre of mass".into(), found, "between the axles and above the ground");
         }
         Ok(Body {
-            length,
-            width,
+            footprint,
             wheelbase,
-            rear_axle_to_centre: outline_x - rear_x,
             rear_axle_to_mass,
             mass_height,
             track_width: f64::midpoint(front_track, rear_track),
@@ -169,10 +180,12 @@ impl<'a> Reader<'a> {
             let count = robot.links.iter().filter(|l| !robot.joints.iter().any(|j| j.child.link == l.name)).count();
             return self.element("robot".into(), format!("{count} root links"), "one link that is no joint's child");
         };
-        let mut placed = vec![Placed { link: root, frame: Isometry3::identity(), joint: None, steered_by: None }];
+        let frame = Isometry3::identity();
+        let mut placed = vec![Placed { link: root, frame, joint: None, steered_by: None, moved_by: None }];
         let mut next = 0;
         while next < placed.len() {
             let (parent, frame, steered) = (&placed[next].link.name, placed[next].frame, placed[next].steered_by);
+            let moved = placed[next].moved_by;
             for joint in robot.joints.iter().filter(|j| j.parent.link == *parent) {
                 let Some(link) = robot.links.iter().find(|l| l.name == joint.child.link) else { continue };
                 if placed.iter().any(|p| p.link.name == link.name) || placed.len() > robot.links.len() {
@@ -185,7 +198,8 @@ impl<'a> Reader<'a> {
                 let is_steering = joint.joint_type == JointType::Revolute && joint.axis.xyz[2].abs() > 0.5;
                 let steered_by = if is_steering { Some(joint) } else { steered };
                 let frame = frame * self.isometry(&format!("joint {}", joint.name), &joint.origin)?;
-                placed.push(Placed { link, frame, joint: Some(joint), steered_by });
+                let moved_by = moved.or((joint.joint_type != JointType::Fixed).then_some(joint));
+                placed.push(Placed { link, frame, joint: Some(joint), steered_by, moved_by });
             }
             next += 1;
         }
@@ -281,24 +295,106 @@ impl<'a> Reader<'a> {
         Ok((total, centre, yaw))
     }
 
-    /// The outline: x of its middle in the root frame, length and width.
-    fn outline(&self, links: &[Placed<'a>]) -> Result<(f64, f64, f64), VehicleError> {
-        let Some(root) = links.first() else { return self.element("robot".into(), "no links", "a root link") };
-        let name = format!("link {}", root.link.name);
-        let found = root.link.collision.iter().find_map(|c| match c.geometry {
-            Geometry::Box { size } => Some((size.0, &c.origin)),
-            _ => None,
-        });
-        let Some(([length, width, _], origin)) = found else {
-            return self.element(name, "no collision box", "a <box> that is the outline of the vehicle");
-        };
-        let frame = self.isometry(&name, origin)?;
-        let (roll, pitch, yaw) = frame.rotation.euler_angles();
-        let crooked = [roll, pitch, yaw, frame.translation.vector.y].iter().any(|v| v.abs() > FRAME_TOLERANCE);
-        if ![length, width].iter().all(|v| v.is_finite() && *v > 0.0) || crooked {
-            let found = format!("a collision box of {length} m × {width} m");
-            return self.element(name, found, "positive sizes, in the middle (y = 0) and not turned");
+    /// What the collision elements of the root and of all links fixed to it cover, in the frame of the rear axle.
+    fn footprint(&self, links: &[Placed<'a>], rear_x: f64) -> Result<Footprint, VehicleError> {
+        self.refuse_moving_parts(links)?;
+        let (mut names, mut parts) = (Vec::new(), Vec::new());
+        for p in links.iter().filter(|p| p.moved_by.is_none()) {
+            for (i, collision) in p.link.collision.iter().enumerate() {
+                let which = collision.name.clone().unwrap_or_else(|| (i + 1).to_string());
+                let name = format!("link {}, collision {which}", p.link.name);
+                let frame = p.frame * self.isometry(&name, &collision.origin)?;
+                let frame = Translation3::new(-rear_x, 0.0, 0.0) * frame;
+                parts.push(self.projected(&name, &frame, &collision.geometry)?);
+                names.push(name);
+            }
         }
-        Ok((frame.translation.vector.x, length, width))
+        Footprint::new(parts).or_else(|e| {
+            let root = || links.first().map_or_else(String::new, |p| format!("link {}", p.link.name));
+            let element = e.part().and_then(|i| names.get(i).cloned()).unwrap_or_else(root);
+            let expected = "collision elements that cover an area, within 50 m of the rear axle (a mesh in millimetres \
+                            needs scale=\"0.001 0.001 0.001\")";
+            self.element(element, format!("a footprint with {e}"), expected)
+        })
+    }
+
+    /// Refuses collision elements on links that move, unless the link is a wheel or carries one.
+    fn refuse_moving_parts(&self, links: &[Placed<'a>]) -> Result<(), VehicleError> {
+        let parent = |p: &Placed<'a>| links.iter().find(|q| p.joint.is_some_and(|j| j.parent.link == q.link.name));
+        let wheels = links.iter().filter(|p| p.joint.is_some_and(|j| j.joint_type == JointType::Continuous));
+        let with_wheels: Vec<&str> = wheels
+            .flat_map(|wheel| std::iter::successors(Some(wheel), |p| parent(p)))
+            .map(|p| p.link.name.as_str())
+            .collect();
+        for p in links.iter().filter(|p| !p.link.collision.is_empty()) {
+            let Some(joint) = p.moved_by.filter(|_| !with_wheels.contains(&p.link.name.as_str())) else { continue };
+            return self.element(
+                format!("link {}", p.link.name),
+                format!("a collision element that joint {} moves", joint.name),
+                "fixed joints between the chassis and what belongs to its outline",
+            );
+        }
+        Ok(())
+    }
+
+    /// Points whose hull covers what a geometry covers on the ground.
+    fn projected(&self, name: &str, frame: &Isometry3<f64>, geometry: &Geometry) -> Result<Vec<Point>, VehicleError> {
+        let ground = |x: f64, y: f64, z: f64| (frame * Point3::new(x, y, z)).xy();
+        // discs around both ends of an axis: the hull of an upright cylinder, and of any capsule
+        let round = |radius: f64, half: f64| {
+            [ground(0.0, 0.0, -half), ground(0.0, 0.0, half)].iter().flat_map(|end| around_disc(*end, radius)).collect()
+        };
+        match geometry {
+            Geometry::Box { size } => {
+                let [x, y, z] = self.sizes(name, "box", size.0)?.map(|s| 0.5 * s);
+                let corners = [(-x, -y), (x, -y), (x, y), (-x, y)];
+                let is_upright = frame.rotation.i == 0.0 && frame.rotation.j == 0.0;
+                let heights = if is_upright { vec![0.0] } else { vec![-z, z] };
+                Ok(heights.into_iter().flat_map(|z| corners.map(|(x, y)| ground(x, y, z))).collect())
+            }
+            Geometry::Sphere { radius } => {
+                let [radius] = self.sizes(name, "sphere", [*radius])?;
+                Ok(round(radius, 0.0))
+            }
+            Geometry::Capsule { radius, length } => {
+                let [radius, length] = self.sizes(name, "capsule", [*radius, *length])?;
+                Ok(round(radius, 0.5 * length))
+            }
+            Geometry::Cylinder { radius, length } => {
+                let [radius, length] = self.sizes(name, "cylinder", [*radius, *length])?;
+                if (frame.rotation * nalgebra::Vector3::z()).xy().norm() > FRAME_TOLERANCE {
+                    return self.element(name.to_owned(), "a cylinder that lies or leans", "an upright one, or a box");
+                }
+                Ok(round(radius, 0.5 * length))
+            }
+            Geometry::Mesh { filename, scale } => {
+                let scale = scale.map_or([1.0; 3], |s| s.0);
+                if !scale.iter().all(|s| s.is_finite() && *s != 0.0) {
+                    let found = format!("scale {} {} {}", scale[0], scale[1], scale[2]);
+                    return self.element(name.to_owned(), found, "finite numbers other than 0");
+                }
+                let vertices = self.vertices(filename).map_err(|source| VehicleError::Mesh {
+                    file: self.file.to_owned(),
+                    element: name.to_owned(),
+                    mesh: filename.clone(),
+                    source,
+                })?;
+                Ok(vertices.iter().map(|[x, y, z]| ground(x * scale[0], y * scale[1], z * scale[2])).collect())
+            }
+        }
+    }
+
+    fn vertices(&self, filename: &str) -> Result<Vec<[f64; 3]>, MeshError> {
+        let is_stl = mesh::is_stl(filename)?;
+        mesh::vertices(is_stl, &(self.meshes)(filename)?)
+    }
+
+    /// Sizes of a geometry, if they are positive and finite.
+    fn sizes<const N: usize>(&self, name: &str, kind: &str, sizes: [f64; N]) -> Result<[f64; N], VehicleError> {
+        if sizes.iter().all(|v| v.is_finite() && *v > 0.0) {
+            return Ok(sizes);
+        }
+        let found = sizes.map(|v| v.to_string()).join(" ");
+        self.element(name.to_owned(), format!("a {kind} of {found}"), "positive finite sizes (m)")
     }
 }

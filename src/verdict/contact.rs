@@ -1,5 +1,6 @@
-//! `no_contact`: the rig's contact, and the driven footprints against every obstacle at every sample.
+//! `no_contact`: the rig's contact, and the driven footprints against every obstacle and occupied cell at every sample.
 
+use super::cells;
 use super::shapes::{footprint_at, gap};
 use super::{Check, Settings};
 use crate::geometry::Point;
@@ -40,30 +41,34 @@ pub(super) fn closest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Opti
 /// The check. A set-based prediction counts as its whole set: being inside it is a contact.
 pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Check {
     let closest = closest(scenario, vehicle, log);
-    let depth = closest.map_or(0.0, |c| (-c.gap).max(0.0));
-    let overlap = closest.filter(|_| depth > settings.contact_tolerance);
+    let in_cells = cells::deepest(scenario, vehicle, log).filter(|c| c.depth > settings.contact_tolerance);
+    let depth = closest.map_or(0.0, |c| (-c.gap).max(0.0)).max(in_cells.map_or(0.0, |c| c.depth));
+    let overlap = closest.filter(|c| -c.gap > settings.contact_tolerance);
     let start = log.samples.first().map(|s| s.time);
-    let (at_time, note) = match (log.contact, overlap, closest) {
-        (Some(c), _, _) => (
+    let (at_time, note) = match (log.contact, overlap, in_cells, closest) {
+        (Some(c), ..) => (
             Some(c.time),
             format!(
                 "the rig reports a contact with obstacle {} at {:.2} m/s, struck at ({:.2}, {:.2}) m from the rear axle",
                 c.obstacle, c.speed, c.at_rear_axle_frame.x, c.at_rear_axle_frame.y
             ),
         ),
-        (None, Some(o), _) => {
+        (None, Some(o), ..) => {
             let when = if Some(o.time) == start { " already at the start" } else { "" };
             (
                 Some(o.time),
                 format!("the driven footprint overlaps obstacle {}{when}; the rig saw no contact", o.obstacle),
             )
         }
-        (None, None, Some(c)) => (Some(c.time), format!("nearest: {:.2} m to obstacle {}", c.gap.max(0.0), c.obstacle)),
-        (None, None, None) => (None, "no obstacle".into()),
+        (None, None, Some(c), _) => (Some(c.time), c.note()),
+        (None, None, None, Some(c)) => {
+            (Some(c.time), format!("nearest: {:.2} m to obstacle {}", c.gap.max(0.0), c.obstacle))
+        }
+        (None, None, None, None) => (None, "no obstacle".into()),
     };
     Check {
         name: "no_contact",
-        pass: log.contact.is_none() && overlap.is_none(),
+        pass: log.contact.is_none() && overlap.is_none() && in_cells.is_none(),
         value: depth,
         limit: settings.contact_tolerance,
         unit: "m",
@@ -115,10 +120,11 @@ impl<'a> Body<'a> {
         Self { obstacle, local: Group::new(obstacle.shape.convex_parts(), Point::origin()), sets }
     }
 
-    /// The gap at `time` if it is smaller than `floor`, else something not smaller.
-    fn gap_at(&self, time: f64, footprint: &[Point], centre: Point, reach: f64, floor: f64) -> f64 {
+    /// The gap at `time` between the nearest parts if it is smaller than `floor`, else something not smaller.
+    fn gap_at(&self, time: f64, footprint: &[Vec<Point>], centre: Point, reach: f64, floor: f64) -> f64 {
         let out_of_reach = |c: Point, radius: f64| (c - centre).norm() - radius - reach >= floor;
-        let smallest = |parts: &mut dyn Iterator<Item = f64>| parts.fold(f64::INFINITY, f64::min);
+        let smallest = |gaps: &mut dyn Iterator<Item = f64>| gaps.fold(f64::INFINITY, f64::min);
+        let to = |part: &ConvexPart| smallest(&mut footprint.iter().map(|own| gap(own, part)));
         match (&self.obstacle.motion, self.obstacle.pose_at(time)) {
             (Motion::Occupancy(_), _) => smallest(
                 &mut self
@@ -127,10 +133,10 @@ impl<'a> Body<'a> {
                     .filter(|(from, to, group)| {
                         *from <= time && time <= *to && !out_of_reach(group.centre, group.radius)
                     })
-                    .flat_map(|(_, _, group)| group.parts.iter().map(|part| gap(footprint, part))),
+                    .flat_map(|(_, _, group)| group.parts.iter().map(to)),
             ),
             (_, Some(pose)) if !out_of_reach(pose.position, self.local.radius) => {
-                smallest(&mut self.local.parts.iter().map(|part| gap(footprint, &part.at(&pose))))
+                smallest(&mut self.local.parts.iter().map(|part| to(&part.at(&pose))))
             }
             _ => f64::INFINITY,
         }

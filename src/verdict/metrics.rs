@@ -33,7 +33,9 @@ pub struct Metrics {
     pub stop_error_m: Option<f64>,
     /// Smallest distance to any obstacle, m, 0 on contact; none without obstacles.
     pub min_clearance_m: Option<f64>,
-    /// Changes of the planned path by more than half a metre sideways, per minute.
+    /// Plan switches per minute of the run. A switch is a planning cycle whose path lies more than 0.5 m beside the path
+    /// committed one cycle before, at some point that both have ahead of the vehicle; a plan drawn out further, cut anew,
+    /// or driven at another speed is none. There and back are two.
     pub plan_switches_per_minute: f64,
     /// Cycles in which no new plan was found and the last one went on.
     pub kept_plans: usize,

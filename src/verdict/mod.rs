@@ -25,6 +25,7 @@
 //! Weak where: a contact between two samples (10 ms) of something thinner than the way driven meanwhile is seen only
 //! by the rig; the judge does not ask whether the way really was blocked, nor who caused a contact.
 
+mod cells;
 mod comfort;
 mod contact;
 mod filter;
@@ -460,6 +461,37 @@ mod tests {
             c.committed.path = s.place.straight(x, 0.0, 0.005);
         }
         assert_eq!(s.failures(), ["stops"]);
+    }
+
+    #[test]
+    fn what_stands_between_the_parts_of_a_vehicle_is_no_contact_and_what_a_part_meets_is_one() {
+        use crate::geometry::Point;
+        use crate::vehicle::Footprint;
+        let prong = |right: f64, left: f64| {
+            [(-0.8, right), (3.6, right), (3.6, left), (-0.8, left)].map(|(x, y)| Point::new(x, y)).to_vec()
+        };
+        let mut s = Story::clean();
+        s.vehicle.footprint = Footprint::new(vec![prong(-0.8, -0.3), prong(0.3, 0.8)]).unwrap();
+        let mut post = s.place.parked(7, 40.0, 0.0);
+        for (y, failures) in
+            [(0.0, &[][..]), (0.15, &[]), (0.25, &["no_contact"]), (-0.25, &["no_contact"]), (-1.0, &[])]
+        {
+            post.shape = crate::map::Shape::rectangle(0.2, 0.2);
+            post.motion = crate::map::Motion::Static(s.place.pose(40.0, y, 0.0));
+            let mut with_post = s.clone();
+            with_post.scenario.obstacles.push(post.clone());
+            assert_eq!(with_post.failures(), failures, "a post at {y}");
+        }
+        // a strip without road under neither prong is seen by nobody, one under the left prong is
+        let strips = |gap: (f64, f64)| {
+            let mut s = s.clone();
+            s.scenario.network.lanelets.clear();
+            s.scenario.network.lanelets.insert(1, s.place.lanelet(1, (0.0, 130.0), -1.75, gap.0));
+            s.scenario.network.lanelets.insert(2, s.place.lanelet(2, (0.0, 130.0), gap.1, 1.75));
+            s.failures()
+        };
+        assert_eq!(strips((-0.25, 0.25)), [""; 0]);
+        assert_eq!(strips((0.2, 0.5)), ["stays_on_road"]);
     }
 
     #[test]

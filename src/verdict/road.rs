@@ -58,10 +58,14 @@ pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log,
 }
 
 /// The largest distance of a point on the footprint's outline from the union of the areas, m.
-fn excursion(areas: &[Area], footprint: &[Point; 4]) -> f64 {
-    let around = Bounds::of(footprint);
+fn excursion(areas: &[Area], footprint: &[Vec<Point>]) -> f64 {
+    footprint.iter().map(|part| excursion_of(areas, part)).fold(0.0, f64::max)
+}
+
+fn excursion_of(areas: &[Area], part: &[Point]) -> f64 {
+    let around = Bounds::of(part);
     let nearby: Vec<&Area> = areas.iter().filter(|a| a.bounds.near(&around, NEARBY)).collect();
-    outline_points(footprint)
+    outline_points(part)
         .filter(|p| !nearby.iter().any(|a| contains(&a.outline, *p)))
         .map(|p| {
             let to = |area: &&Area| distance_to_outline(&area.outline, p);
@@ -72,9 +76,9 @@ fn excursion(areas: &[Area], footprint: &[Point; 4]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-fn outline_points(corners: &[Point; 4]) -> impl Iterator<Item = Point> + '_ {
-    (0..4).flat_map(move |i| {
-        let (a, b) = (corners[i], corners[(i + 1) % 4]);
+fn outline_points(corners: &[Point]) -> impl Iterator<Item = Point> + '_ {
+    (0..corners.len()).flat_map(move |i| {
+        let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
         let steps = ((b - a).norm() / OUTLINE_SPACING).ceil().max(1.0);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small positive count
         (0..steps as usize).map(move |k| a + (b - a) * (k as f64 / steps))

@@ -4,9 +4,10 @@ use crate::geometry::{Point, Pose, Vector, cross};
 use crate::map::ConvexPart;
 use crate::vehicle::Vehicle;
 
-/// The corners of the vehicle's footprint in the world, counter-clockwise from rear right.
-pub(super) fn footprint_at(vehicle: &Vehicle, rear_axle: &Pose) -> [Point; 4] {
-    vehicle.footprint().map(|corner| rear_axle.to_world(corner))
+/// The parts of the vehicle's footprint in the world, counter-clockwise convex polygons.
+pub(super) fn footprint_at(vehicle: &Vehicle, rear_axle: &Pose) -> Vec<Vec<Point>> {
+    let part = |corners: &Vec<Point>| corners.iter().map(|corner| rear_axle.to_world(*corner)).collect();
+    vehicle.footprint.parts().iter().map(part).collect()
 }
 
 /// The gap between a counter-clockwise convex polygon and a convex piece, m: their distance when they are apart, minus

@@ -17,7 +17,7 @@ use crate::map::{
 use crate::planner::{Cycle, Decision, StageSeconds};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
+use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
 /// Where in the world the run takes place, and whether it is seen in a mirror.
 #[derive(Debug, Clone, Copy)]
@@ -128,6 +128,7 @@ impl Story {
             time_step: 0.1,
             network,
             obstacles: vec![place.parked(100, 60.0, 3.5), place.moving(101, (0.0, 20.0), (50.0, 0.0), (210.0, 0.0))],
+            occupancy: None,
             problems: vec![PlanningProblem { id: 1, initial, goals: vec![goal] }],
             issues: Vec::new(),
         };
@@ -199,8 +200,10 @@ pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
         candidates: Vec::new(),
         blocked: Vec::new(),
         chosen: None,
+        edges: Default::default(),
         expansions: 0,
         is_smooth: true,
+        is_refined: false,
         stage_seconds: StageSeconds::default(),
     }
 }
@@ -234,6 +237,7 @@ fn bmw() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.61, 1.422),
         length: 4.508,
         width: 1.61,
         wheelbase: 2.578,

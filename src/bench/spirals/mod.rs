@@ -1,7 +1,7 @@
 //! `stopline bench spirals`: ways to join two poses smoothly, on the same random lattice problems.
 //!
 //! Every [`Method`] is timed on every problem that it is for, alone on one thread, the shortest of three runs; its answers
-//! are then judged ([`judge`]) by other means than those that made them. The first row, the cubic spiral by Newton's method,
+//! are then judged (`judge`) by other means than those that made them. The first row, the cubic spiral by Newton's method,
 //! is what bending energies are compared with.
 
 mod judge;

@@ -31,7 +31,7 @@ fn check_table(checks: &[Check]) -> String {
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let row = |c: &Check| {
         let held = if c.pass { "held" } else { "FAILED" };
-        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.0e}", c.limit), c.unit].map(str::to_owned).to_vec()
+        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
     };
     report::table(&std::iter::once(head).chain(checks.iter().map(row)).collect::<Vec<_>>())
 }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::{check_json, check_table, held};
 use crate::bench::Check;
-use crate::bench::spirals::{BOUND, Comparison, Method, Row, Settings, compare};
+use crate::bench::spirals::{BOUND, Comparison, Method, Row, SOFT, Settings, compare};
 use crate::cli::args::SpiralArgs;
 use crate::cli::job::Outputs;
 use crate::cli::{Exit, Failure, json as result, print, report};
@@ -111,14 +111,26 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
     let units = ["", "", "", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
     let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
     text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
-    let _ = writeln!(
-        text,
-        "\nbound: |κ| ≤ {BOUND} 1/m everywhere; the row where it bites is for the problems in which the free spiral breaks it"
-    );
+    text += &notes();
     text.push('\n');
     text += &check_table(checks);
     let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
     text
+}
+
+/// What the rows mean.
+fn notes() -> String {
+    format!(
+        "
+bound        |κ| ≤ {BOUND} 1/m everywhere; it bites where the pinned cubic spiral breaks it
+soft end     may slide sideways, for {SOFT} 1/m³ · slide² of bending energy; every program by Clarabel
+bound bites  the cubic's end slides sideways as little as it must (second-order cones); the quintic's is pinned (cuts)
+quintic      the spiral of least bending energy, all pinned, every program by Clarabel
+polynomial   x and y of degree five; tangents as long as the chord, or searched for least bending energy
+shooting     the lecture's way to the first row: Newton with Simpson's rule and differences
+time         of one problem, the shortest of three runs; all else is the same in every repetition
+"
+    )
 }
 
 fn cells(row: &Row) -> Vec<String> {
@@ -128,8 +140,8 @@ fn cells(row: &Row) -> Vec<String> {
         row.method.label().into(),
         row.problems.to_string(),
         row.solved.to_string(),
-        found(format!("{:.1}", row.time.median_us)),
-        found(format!("{:.1}", row.time.p99_us)),
+        found(format!("{:.2}", row.time.median_us)),
+        found(format!("{:.2}", row.time.p99_us)),
         found(format!("{:.1e}", row.worst_residual)),
         found(format!("{:.2}", row.worst_slide)),
         found(format!("{:.4}", row.max_curvature)),

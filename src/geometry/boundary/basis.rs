@@ -162,8 +162,8 @@ mod tests {
             }
             let multipliers = basis.multipliers(&gradient);
             let mut again = [0.0; 6];
-            for i in 0..count {
-                add(&mut again, multipliers[i], &rows.rows[i]);
+            for (multiplier, row) in multipliers.iter().zip(&rows.rows[..count]) {
+                add(&mut again, *multiplier, row);
             }
             add(&mut again, -1.0, &gradient);
             prop_assert!(dot(&again, &again).sqrt() < 1e-9);

@@ -23,10 +23,12 @@
 //!   u·σ₁ + (1−u)·σ₂ with sums of squares σ of degree two, a quadratic if and only if it is σ + γ u(1−u) with γ ≥ 0
 //!   (Markov–Lukács; Szegő, Orthogonal Polynomials, 1.21.1), and σ = a + 2bu + cu² is a three-dimensional second-order
 //!   cone ‖(2b, a − c)‖ ≤ a + c. The equalities are eliminated by hand: two variables and two cones for each side of the
-//!   curvature, one variable and one cone for each side of its rate, and only for sides that come near.
+//!   curvature, one variable and one cone for each side of its rate, and only for sides that come near. The first steps,
+//!   which are long, use cuts at the extrema instead: what the cones know exactly is lost in the linearised ends there.
 //! - **Bounds of quintics** would need 3×3 semidefinite cones. Instead: linear cuts at the extrema, found exactly and
-//!   re-placed in each iteration. An extremum's place does not matter to first order, so that converges like Newton's
-//!   method, and with fewer variables; the result is checked at the exact extrema all the same.
+//!   re-placed in each iteration, with the second derivative of the extremum's value (its place moves) in the Hessian:
+//!   that converges like Newton's method, and with fewer variables; the result is checked at the exact extrema all the
+//!   same. Where a quintic finds nothing from its own start, it starts again from the cubic that solves the problem.
 //!
 //! # What is promised
 //!
@@ -35,12 +37,15 @@
 //! bound, they hold to 1e-9 of it), and the spiral is a local optimum, to 1e-4 of the objective. Same problem, same bits;
 //! a mirrored problem has the mirrored solution to the bit.
 //!
-//! Weak: a local method; another start could find a better optimum where the end needs an S-shape of large curvature.
+//! Weak: quintics under a bound that bites far from the start take ten to twenty steps. It is a local method; another
+//! start could find a better optimum where the end needs an S-shape of large curvature.
 //! [`Infeasibility::NotFound`] is no proof. Only [`Infeasibility::Certified`] and the reasons seen from the data are.
 //! Ends behind the vehicle are refused, and lengths are kept between a quarter and three times the chord: without a price
 //! on length, bending energy alone prefers ever longer detours.
 
 mod basis;
+#[cfg(test)]
+mod reference;
 mod scaled;
 mod sequential;
 mod subproblem;

@@ -128,6 +128,24 @@ impl<const K: usize> Scaled<K> {
         }
     }
 
+    /// The same problem for another number of knots.
+    pub(super) fn with_knots<const OTHER: usize>(&self) -> Scaled<OTHER> {
+        Scaled {
+            unit: self.unit,
+            mirror: self.mirror,
+            start_curvature: self.start_curvature,
+            target: self.target,
+            end_curvature: self.end_curvature,
+            conditions: self.conditions,
+            rates: self.rates,
+            bounds: self.bounds,
+            aims: self.aims,
+            tolerance: self.tolerance,
+            asked: self.asked,
+            always_convex: self.always_convex,
+        }
+    }
+
     /// The spiral in the problem's own units.
     pub(super) fn unscaled(&self, spiral: &Spiral<K>) -> Spiral<K> {
         let mut knots = spiral.knots.map(|k| k * self.mirror / self.unit);
@@ -286,11 +304,8 @@ impl<const K: usize> Scaled<K> {
         for (q, condition) in self.conditions.iter().enumerate() {
             if let EndCondition::Soft { weight } = condition {
                 lambda[q] = -2.0 * weight * place.deviation[q];
-                for i in 0..K {
-                    let factor = 2.0 * weight * place.by[q][i];
-                    for (entry, by) in hessian[i].iter_mut().zip(&place.by[q]).skip(i) {
-                        *entry += factor * by;
-                    }
+                for (i, row) in hessian.iter_mut().enumerate() {
+                    add(row, 2.0 * weight * place.by[q][i], &place.by[q]);
                 }
             }
         }
@@ -303,10 +318,11 @@ impl<const K: usize> Scaled<K> {
             hessian[i - 1][K - 1] -= by_both[i] + lambda[2] * Tables::<K>::WEIGHTS[i];
         }
         hessian[K - 1][K - 1] -= by_length;
-        // the upper triangle was built
+        // the upper triangle is complete
         for i in 1..K {
-            for j in 0..i {
-                hessian[i][j] = hessian[j][i];
+            let (above, below) = hessian.split_at_mut(i);
+            for (entry, row) in below[0].iter_mut().zip(above) {
+                *entry = row[i];
             }
         }
         hessian

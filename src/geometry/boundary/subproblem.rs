@@ -31,19 +31,24 @@ pub(super) struct Step<const K: usize> {
     pub(super) ranges: [f64; 4],
     /// Multiplier of all bounds together: what the objective gains per relative loosening.
     pub(super) price: f64,
+    /// Second derivatives by the unknowns that the cuts do not see: multiplier times those of the extremum's value, whose
+    /// place moves.
+    pub(super) bend: [[f64; K]; K],
 }
 
 impl<const K: usize> Step<K> {
     pub(super) fn free(shares: [f64; K]) -> Self {
-        Self { shares, broken: 0.0, pull: [0.0; K], ranges: [0.0; 4], price: 0.0 }
+        Self { shares, broken: 0.0, pull: [0.0; K], ranges: [0.0; 4], price: 0.0, bend: [[0.0; K]; K] }
     }
 }
 
-/// How the bounds of a cubic enter; those of a quintic are always cut.
+/// How the bounds enter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
     /// Which of the four sides.
     pub(super) sides: [bool; 4],
+    /// As exact cones, which only cubics have; as cuts otherwise.
+    pub(super) cones: bool,
     /// Price of breaking them; infinite if they may not be broken.
     pub(super) penalty: f64,
     /// Trust region of each share.
@@ -92,7 +97,10 @@ struct Assembly<const K: usize> {
 /// Whose multiplier it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Origin {
-    Bound,
+    /// A cut of a side's bound at a place.
+    Cut(Side, f64),
+    /// The sign of a cone's variable.
+    Sign,
     Length,
     Range(usize, f64),
 }
@@ -106,6 +114,11 @@ impl<const K: usize> Model<'_, K> {
             sum += shares[i] * (self.gradient[i] + 0.5 * bent);
         }
         sum
+    }
+
+    /// How much the objective changes over a step of one: the scale of a price for broken bounds.
+    pub(super) fn stiffness(&self) -> f64 {
+        (0..self.variables).fold(1.0, |m: f64, i| m.max(self.gradient[i].abs() + self.hessian[i][i]))
     }
 
     /// The step in the unknowns.
@@ -141,7 +154,7 @@ impl<const K: usize> Model<'_, K> {
         let mut assembly = self.assembly(bounds);
         for (side, wanted) in SIDES.iter().zip(bounds.sides) {
             if wanted {
-                self.bound(&mut assembly, *side);
+                self.bound(&mut assembly, *side, bounds.cones);
             }
         }
         // last, so that the rows with multipliers to read come first
@@ -151,7 +164,11 @@ impl<const K: usize> Model<'_, K> {
         if let Some(t) = assembly.elastic {
             assembly.program.between(0.0, &[(t, 1.0)], f64::INFINITY);
         }
-        let solution = assembly.program.solve_tuned(Tuning::Small);
+        let mut solution = assembly.program.solve_tuned(Tuning::Small);
+        if !solution.is_usable() && solution.status != Status::Infeasible {
+            // heavy weights beside light ones: the solver's own scaling may help
+            solution = assembly.program.solve();
+        }
         if !solution.is_usable() {
             debug_assert!(solution.status != Status::Unbounded, "the trust region bounds every variable");
             return None;
@@ -166,7 +183,12 @@ impl<const K: usize> Model<'_, K> {
         for ((row, origin), multiplier) in assembly.inequalities.iter().zip(&solution.multipliers) {
             match origin {
                 Origin::Range(q, sign) => step.ranges[*q] += sign * multiplier,
-                Origin::Bound | Origin::Length => add(&mut step.pull, -multiplier, &row.by),
+                Origin::Sign => {}
+                Origin::Length => add(&mut step.pull, -multiplier, &row.by),
+                Origin::Cut(side, u) => {
+                    add(&mut step.pull, -multiplier, &row.by);
+                    self.bend(*side, *u, *multiplier, &mut step.bend);
+                }
             }
             step.price += multiplier * row.loosened;
         }
@@ -229,12 +251,12 @@ impl<const K: usize> Model<'_, K> {
 
 impl<const K: usize> Model<'_, K> {
     /// Adds a one-sided bound.
-    fn bound(&self, assembly: &mut Assembly<K>, side: Side) {
+    fn bound(&self, assembly: &mut Assembly<K>, side: Side, cones: bool) {
         let room = self.room(side);
-        match (K, side.of_rate) {
-            (4, false) => cubic_not_negative(assembly, &room),
-            (4, true) => quadratic_not_negative(assembly, &room),
-            _ => self.cuts(assembly, side, &room),
+        match (cones && K == 4, side.of_rate) {
+            (true, false) => cubic_not_negative(assembly, &room),
+            (true, true) => quadratic_not_negative(assembly, &room),
+            (false, _) => self.cuts(assembly, side, &room),
         }
     }
 
@@ -282,7 +304,28 @@ impl<const K: usize> Model<'_, K> {
             let row = Row::sum(&parts);
             // the curvature at the start is given
             if row.constant < NEAR && (side.of_rate || u > 0.0) {
-                assembly.not_negative(row, Origin::Bound);
+                assembly.not_negative(row, Origin::Cut(side, u));
+            }
+        }
+    }
+
+    /// Second derivatives of max over u of a bounded quantity φ(u; x): where the extremum lies inside, its place moves
+    /// with x, which adds (∂φᵤ/∂x)(∂φᵤ/∂x)ᵀ / −φᵤᵤ. φ itself is linear in x.
+    fn bend(&self, side: Side, u: f64, multiplier: f64, bend: &mut [[f64; K]; K]) {
+        if !(u > 0.0 && u < 1.0 && multiplier > 0.0) {
+            return;
+        }
+        let orders = if side.of_rate { (2, 3) } else { (1, 2) };
+        let factor = side.sign / self.scaled.aim(side);
+        let curvature = Polynomial::through(&self.place.jet.spiral.knots);
+        let steepness = -factor * curvature.derivative_of_order(orders.1, u);
+        let mut moved = [0.0; K];
+        for (moved, basis) in moved.iter_mut().zip(&Tables::<K>::BASIS[1..]) {
+            *moved = factor * Polynomial(*basis).derivative_of_order(orders.0, u);
+        }
+        if steepness > 0.0 {
+            for (row, by) in bend.iter_mut().zip(moved) {
+                add(row, multiplier * by / steepness, &moved);
             }
         }
     }
@@ -311,7 +354,7 @@ fn quadratic_not_negative<const K: usize>(assembly: &mut Assembly<K>, p: &[Row<K
     let gamma = assembly.program.add_variable();
     let [p0, p1, p2, ..] = p else { return };
     let extra = |factor: f64| [(gamma, factor), (gamma, 0.0)];
-    assembly.not_negative(Row::sum(&[]).with(extra(1.0)), Origin::Bound);
+    assembly.not_negative(Row::sum(&[]).with(extra(1.0)), Origin::Sign);
     assembly.cone([
         Row::sum(&[(1.0, p0), (1.0, p2)]).with(extra(1.0)),
         Row::sum(&[(1.0, p1)]).with(extra(-1.0)),

@@ -65,7 +65,7 @@ pub(crate) struct Jet<const K: usize> {
 impl<const K: usize> Jet<K> {
     pub(crate) fn of(spiral: &Spiral<K>) -> Self {
         let curvature = spiral.curvature_polynomial();
-        let panels = panels(spiral.turning_bound());
+        let panels = panels::<K>(spiral.turning_bound());
         let width = 1.0 / panels as f64;
         let (mut cos, mut sin) = ([0.0; MOMENTS], [0.0; MOMENTS]);
         for panel in 0..panels {

@@ -4,7 +4,7 @@
 //! quintic) and by its length L: well conditioned, and the bending energy is a quadratic form in the knots (Kelly & Nagy
 //! 2003; McNaughton 2011). Heading is the exact integral of the curvature polynomial; position is its Fresnel-like
 //! integral, by Gauss–Legendre quadrature with as many panels as the turning asks for. Extrema of the curvature and of
-//! its rate are roots of polynomials of degree four at most ([`polynomial`]).
+//! its rate are roots of polynomials of degree four at most.
 //!
 //! - [`connect`] finds the cubic between two poses with given curvatures at both ends (Newton's method).
 //! - [`super::boundary`] finds the least bent cubic or quintic under end conditions that leave something to optimise, and
@@ -59,6 +59,8 @@ pub struct PathPoint {
 const TURN_OF_ONE_PANEL: f64 = 0.4;
 /// Turning (rad) for each further panel, from the second on: errors below 1e-9 m on 60 m, by the tests below.
 const TURN_PER_PANEL: f64 = 2.5;
+/// The same for a quintic, which varies faster than its bound tells.
+const TURN_PER_PANEL_OF_A_QUINTIC: f64 = 1.25;
 /// A step of a sweep as short as this against the spiral, and turning as little as this (rad), needs three points only.
 const THREE_POINTS: (usize, f64) = (32, 0.06);
 /// The same for five points.
@@ -108,7 +110,7 @@ impl<const K: usize> Spiral<K> {
     pub fn point_at(&self, start: &Pose, s: f64) -> PathPoint {
         let curvature = self.curvature_polynomial();
         let u = s / self.length;
-        let moved = self.displacement(&curvature, start.yaw, 0.0, u, panels(self.turning_bound() * u.abs()));
+        let moved = self.displacement(&curvature, start.yaw, 0.0, u, panels::<K>(self.turning_bound() * u.abs()));
         self.path_point(&curvature, start, moved, u)
     }
 
@@ -163,7 +165,7 @@ impl<const K: usize> Spiral<K> {
                 } else if allows(FIVE_POINTS) {
                     spiral.rule(&curvature, start.yaw, from, width, &GAUSS_5)
                 } else {
-                    spiral.displacement(&curvature, start.yaw, from, from + width, panels(turning))
+                    spiral.displacement(&curvature, start.yaw, from, from + width, panels::<K>(turning))
                 };
             }
             let u = i as f64 / intervals as f64;
@@ -254,10 +256,11 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 
 /// Number of eight-point panels for a turning, rad.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small positive count
-fn panels(turning: f64) -> usize {
+fn panels<const K: usize>(turning: f64) -> usize {
     /// More turning than any road holds: a bound on the work for absurd input, where accuracy does not matter.
     const MOST: f64 = 64.0;
-    if turning <= TURN_OF_ONE_PANEL { 1 } else { 2 + (turning / TURN_PER_PANEL).min(MOST) as usize }
+    let per_panel = if K <= 4 { TURN_PER_PANEL } else { TURN_PER_PANEL_OF_A_QUINTIC };
+    if turning <= TURN_OF_ONE_PANEL { 1 } else { 2 + (turning / per_panel).min(MOST) as usize }
 }
 
 #[cfg(test)]

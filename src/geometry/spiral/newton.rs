@@ -143,7 +143,7 @@ impl Boundary {
     fn shoot(&self, length: f64, asymmetry: f64) -> Shot {
         let spiral = self.spiral(length, asymmetry);
         let cubic = spiral.curvature_polynomial();
-        let panels = panels(spiral.turning_bound());
+        let panels = panels::<4>(spiral.turning_bound());
         let width = 1.0 / panels as f64;
         // ∫ of: tangent, ∂/∂L and ∂/∂d of the heading times the normal
         let (mut tangent, mut by_length, mut by_asymmetry) = (Vector::zeros(), Vector::zeros(), Vector::zeros());

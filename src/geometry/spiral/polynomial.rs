@@ -141,23 +141,37 @@ impl<const K: usize> Polynomial<K> {
 
     #[inline]
     pub(crate) fn value(&self, u: f64) -> f64 {
-        horner(&self.0, u)
+        let mut sum = self.0[K - 1];
+        for p in (0..K - 1).rev() {
+            sum = self.0[p] + u * sum;
+        }
+        sum
     }
 
     #[inline]
     pub(crate) fn derivative(&self, u: f64) -> f64 {
-        let mut sum = 0.0;
-        for p in (1..K).rev() {
+        let mut sum = (K - 1) as f64 * self.0[K - 1];
+        for p in (1..K - 1).rev() {
             sum = p as f64 * self.0[p] + u * sum;
         }
         sum
     }
 
+    /// The derivative of any order.
+    pub(crate) fn derivative_of_order(&self, order: usize, u: f64) -> f64 {
+        let mut coefficients = self.0;
+        let mut count = K;
+        for _ in 0..order {
+            count = differentiate(&mut coefficients, count);
+        }
+        horner(&coefficients[..count], u)
+    }
+
     /// ∫₀ᵘ.
     #[inline]
     pub(crate) fn integral(&self, u: f64) -> f64 {
-        let mut sum = 0.0;
-        for p in (0..K).rev() {
+        let mut sum = self.0[K - 1] / K as f64;
+        for p in (0..K - 1).rev() {
             sum = self.0[p] / (p + 1) as f64 + u * sum;
         }
         u * sum

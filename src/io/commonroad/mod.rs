@@ -115,6 +115,7 @@ fn scenario(source: &mut Source, root: Node) -> Result<Scenario, ReadError> {
         time_step: header.time_step,
         network,
         obstacles,
+        occupancy: None,
         problems,
         issues: source.take_issues(),
     })

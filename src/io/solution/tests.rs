@@ -3,13 +3,14 @@
 use super::*;
 use crate::map::{InitialState, RoadNetwork};
 use crate::simulation::Sample;
-use crate::vehicle::{Actuators, Comfort, Limits, Tyres};
+use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres};
 
 /// The published BMW 320i.
 fn bmw() -> Vehicle {
     Vehicle {
         name: "bmw_320i".into(),
         commonroad_type: Some(2),
+        footprint: Footprint::rectangle(4.508, 1.610, 1.422_717_093_6),
         length: 4.508,
         width: 1.610,
         wheelbase: 1.156_195_706_4 + 1.422_717_093_6,
@@ -64,6 +65,7 @@ fn scenario(centre: Pose, speed: f64, dt: f64) -> Scenario {
         time_step: dt,
         network: RoadNetwork::default(),
         obstacles: vec![],
+        occupancy: None,
         problems: vec![PlanningProblem { id: 7, initial, goals: vec![] }],
         issues: vec![],
     }

@@ -58,7 +58,7 @@ fn curvatures(comparison: &Comparison) -> Panel {
 }
 
 fn energies(comparison: &Comparison) -> Panel {
-    const HIGHEST: f64 = 1.5;
+    const HIGHEST: f64 = 1.2;
     let others = shown().filter(|m| *m != Method::CubicNewton);
     Panel {
         title: "Share of problems, %, by bending energy over the cubic spiral's",

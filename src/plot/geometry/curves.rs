@@ -109,10 +109,10 @@ pub(super) fn fan() -> String {
         .collect();
     let about = "from one pose, driving straight, to the nodes of a layer 32 m ahead on a bend of 67 m radius: \
                  heading and curvature of each node are those of the bend at its offset";
-    let (plane, panel) = (band(0.0, 470.0), band(0.0, 250.0));
+    let (plane, panel) = (band(0.0, 450.0), band(0.0, 250.0));
     sheet("A fan of cubic spirals", about, plane.height + LEGEND + panel.height + 16.0, |svg, top| {
         let plane = Area { corner: (MARGIN, top), ..plane };
-        let view = View::new(bounds((-3.0, -5.5), (36.5, 14.5)), plane);
+        let view = View::new(bounds((-3.0, -4.0), (36.5, 14.6)), plane);
         framed(svg, "plane", &view, style::PANEL, |svg| {
             metre_grid(svg, &view, 5.0);
             let road: Vec<Point> = (-10..=50).map(|s| node(f64::from(s), 0.0).position).collect();
@@ -148,7 +148,7 @@ fn metres(l: f64) -> String {
 
 /// A bound on the curvature that the pinned spiral breaks, and the spiral that holds it with its end slid sideways.
 pub(super) fn bound() -> String {
-    let end = Pose::new(14.0, 4.5, 0.0);
+    let end = Pose::new(13.0, 5.0, 0.0);
     let free = connect(0.0, &end, 0.0).ok();
     let held = connect_bounded(0.0, &end, 0.0, BOUND).ok();
     let mut drawn = Vec::new();
@@ -160,12 +160,12 @@ pub(super) fn bound() -> String {
     }
     let slide = held.map_or(0.0, |h| h.end_error);
     let reached = Pose { position: end.position + end.left() * slide, ..end };
-    let about = "4.5 m to the left within 14 m: pinned at both ends the spiral bends too much; a convex program keeps |κ| ≤ \
+    let about = "5 m to the left within 13 m: pinned at both ends the spiral bends too much; a convex program keeps |κ| ≤ \
                  0.12 1/m at every point and slides the end as little as that takes";
     let (plane, panel) = (band(0.0, 440.0), band(0.0, 270.0));
     sheet("A curvature bound that bites", about, plane.height + LEGEND + panel.height + 16.0, |svg, top| {
         let plane = Area { corner: (MARGIN, top), ..plane };
-        let view = View::new(bounds((-1.5, -1.0), (17.0, 5.6)), plane);
+        let view = View::new(bounds((-1.5, -0.8), (17.0, 5.8)), plane);
         framed(svg, "plane", &view, style::PANEL, |svg| {
             metre_grid(svg, &view, 1.0);
             drawn.iter().for_each(|d| d.path(svg, &view));
@@ -189,29 +189,32 @@ pub(super) fn bound() -> String {
             (Mark::Line(style::ALARM, "5 4", 1.0), "bound".into()),
         ];
         legend_row(svg, (MARGIN, top + plane.height), &entries);
-        let line = |value: f64, label: &'static str| LimitLine { value, label, colour: style::ALARM };
-        let limits = vec![line(BOUND, "0.12"), line(-BOUND, "−0.12")];
+        let limits = vec![bound_line(BOUND, "0.12"), bound_line(-BOUND, "−0.12")];
         let panel = Area { corner: (MARGIN, top + plane.height + LEGEND + 8.0), ..panel };
         Panel { limits, ..curvature_panel("curvature", &drawn, (-1.1 * BOUND, 1.1 * BOUND)) }.draw(svg, panel);
     })
 }
 
+fn bound_line(value: f64, label: &'static str) -> LimitLine {
+    LimitLine { value, label, colour: style::ALARM }
+}
+
 /// The kinds of curves between the same two ends, and what the free tangent length does to the polynomial.
 pub(super) fn beside_each_other() -> String {
-    let problem = LatticeProblem { start_curvature: -0.05, end: Pose::new(16.0, 5.0, 0.35), end_curvature: -0.05 };
+    let problem = LatticeProblem { start_curvature: 0.04, end: Pose::new(30.0, 7.0, -0.5), end_curvature: 0.06 };
     let methods = [Method::PolynomialLeastBending, Method::PolynomialChord, Method::QuinticSpiral, Method::CubicNewton];
     let drawn: Vec<Drawn> = methods
         .iter()
         .filter_map(|m| m.solve(&problem).map(|Answer { curve, .. }| Drawn::new(curve, colour(*m), 2.2)))
         .collect();
-    let about = "the same two poses and end curvatures: a spiral has one way to go, a polynomial path has as many as it has \
-                 tangent lengths";
+    let about = "the same two poses and end curvatures; only the spirals stay below 0.12 1/m, and no tangent length brings \
+                 the polynomial path down to them";
     let (plane, panel) = (band(0.0, 430.0), 290.0);
     sheet("Spirals and polynomial paths", about, plane.height + LEGEND + panel + 16.0, |svg, top| {
         let plane = Area { corner: (MARGIN, top), ..plane };
-        let view = View::new(bounds((-1.5, -1.5), (19.5, 6.5)), plane);
+        let view = View::new(bounds((-2.0, -1.5), (33.0, 11.5)), plane);
         framed(svg, "plane", &view, style::PANEL, |svg| {
-            metre_grid(svg, &view, 1.0);
+            metre_grid(svg, &view, 5.0);
             drawn.iter().for_each(|d| d.path(svg, &view));
             pose_mark(svg, &view, &Pose::new(0.0, 0.0, 0.0), style::INK);
             pose_mark(svg, &view, &problem.end, style::INK);
@@ -222,7 +225,8 @@ pub(super) fn beside_each_other() -> String {
         legend_row(svg, (MARGIN, top + plane.height), &entries);
         let (below, width) = (top + plane.height + LEGEND + 8.0, 0.5 * (CONTENT - GAP));
         let left = Area { corner: (MARGIN, below), width, height: panel };
-        curvature_panel("curvature", &drawn, (-0.1, 0.1)).draw(svg, left);
+        let limits = vec![bound_line(-BOUND, "−0.12 1/m")];
+        Panel { limits, ..curvature_panel("curvature", &drawn, (-0.1, 0.1)) }.draw(svg, left);
         let right = Area { corner: (MARGIN + width + GAP, below), ..left };
         sensitivity(&problem).draw(svg, right);
     })
@@ -230,10 +234,10 @@ pub(super) fn beside_each_other() -> String {
 
 fn described(method: Method) -> &'static str {
     match method {
-        Method::CubicNewton => "cubic spiral, no choice left",
+        Method::CubicNewton => "cubic spiral, all pinned",
         Method::QuinticSpiral => "quintic spiral, least bending energy",
-        Method::PolynomialChord => "quintic polynomial, tangents as long as the chord",
-        Method::PolynomialLeastBending => "quintic polynomial, tangent length of least bending energy",
+        Method::PolynomialChord => "quintic polynomial, tangents of one chord",
+        Method::PolynomialLeastBending => "quintic polynomial, tangents searched",
         _ => method.label(),
     }
 }
@@ -242,7 +246,7 @@ fn described(method: Method) -> &'static str {
 fn sensitivity(problem: &LatticeProblem) -> Panel {
     /// Range of tangent lengths over the chord, and the largest curvature shown, 1/m.
     const RATIOS: (f64, f64) = (0.5, 2.0);
-    const HIGHEST: f64 = 0.5;
+    const HIGHEST: f64 = 0.4;
     const STEPS: u32 = 150;
     let chord = problem.end.position.coords.norm();
     let peak = |ratio: f64| {

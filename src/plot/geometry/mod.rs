@@ -5,6 +5,7 @@
 
 mod comparison;
 mod curves;
+mod lattice;
 
 pub use comparison::comparison;
 
@@ -13,17 +14,24 @@ use super::scene::View;
 use super::style;
 use super::svg::{Element, Page, Svg};
 use super::{CONTENT, MARGIN, Mark, PAGE_WIDTH};
+use crate::map::Scenario;
+use crate::vehicle::Vehicle;
 
-/// Every picture of the page with the name of its file.
+/// Every picture of the page with the name of its file. Lattice and sweep are those on the slalom of `maps/`, driven by the
+/// vehicle given; they are left out where no lane leads from the scenario's first planning problem.
 #[must_use]
-pub fn pictures() -> Vec<(&'static str, String)> {
+pub fn pictures(slalom: &Scenario, vehicle: &Vehicle) -> Vec<(&'static str, String)> {
     let measured = crate::bench::spirals::compare(&crate::bench::spirals::Settings::default());
-    vec![
+    let mut all = vec![
         ("fan.svg", curves::fan()),
         ("bound.svg", curves::bound()),
         ("curves.svg", curves::beside_each_other()),
         ("comparison.svg", comparison(&measured)),
-    ]
+    ];
+    if let Some(stage) = lattice::Stage::new(slalom, vehicle) {
+        all.extend([("lattice.svg", stage.lattice()), ("sweep.svg", stage.sweep())]);
+    }
+    all
 }
 
 /// Height of a sheet's title and of the line below it, px.
@@ -121,8 +129,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_picture_is_sound() {
-        for (name, svg) in pictures() {
+    fn every_picture_of_curves_is_sound() {
+        for (name, svg) in [("fan", curves::fan()), ("bound", curves::bound()), ("curves", curves::beside_each_other())]
+        {
             let read = roxmltree::Document::parse(&svg).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
             let mut ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();

@@ -1,199 +1,19 @@
 //! The collision layer against slow and simple tests: dense sampling in space and time, on random spirals and obstacles.
 
+mod coarse;
+mod excess;
+mod grid;
+mod helpers;
+mod million;
+mod random;
+
+use helpers::*;
 use proptest::prelude::*;
 use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
-use stopline::map::{
-    ConvexPart, Lanelet, Motion, Obstacle, ObstacleKind, Part, RoadNetwork, Scenario, Shape, TimedOccupancy, TimedPose,
-};
-use stopline::vehicle::{Actuators, Comfort, Limits, Tyres, Vehicle};
-
-/// The published dimensions of the BMW 320i; the rest does not matter here.
-fn vehicle() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        length: 4.508,
-        width: 1.61,
-        wheelbase: 2.5789,
-        rear_axle_to_centre: 1.4227,
-        rear_axle_to_mass: 1.4227,
-        mass_height: 0.5,
-        track_width: 1.5,
-        mass: 1093.0,
-        yaw_inertia: 1791.0,
-        wheel_radius: 0.3,
-        wheel_inertia: 1.0,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 20.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.3,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0,
-            cornering_front: 20.0,
-            cornering_rear: 20.0,
-            longitudinal: 20.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.01,
-            drag: 0.4,
-        },
-        actuators: Actuators {
-            drive_lag: 0.2,
-            brake_lag: 0.1,
-            steering_lag: 0.1,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 2.0,
-            deceleration: 2.0,
-            aggressive_deceleration: 6.0,
-            lateral_acceleration: 3.0,
-            jerk: 3.0,
-        },
-    }
-}
-
-fn line(points: &[(f64, f64)]) -> Polyline {
-    Polyline::new(points.iter().map(|&(x, y)| Point::new(x, y))).unwrap()
-}
-
-fn lanelet(id: i64, left: Polyline, right: Polyline) -> Lanelet {
-    Lanelet {
-        id,
-        centre: left.clone(),
-        left,
-        right,
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec![],
-    }
-}
-
-fn network(lanelets: Vec<Lanelet>) -> RoadNetwork {
-    RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() }
-}
-
-fn scenario(lanelets: Vec<Lanelet>, obstacles: Vec<Obstacle>) -> Scenario {
-    Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: network(lanelets),
-        obstacles,
-        problems: vec![],
-        issues: vec![],
-    }
-}
-
-/// A square of asphalt, 400 m wide, around the origin.
-fn plain() -> Vec<Lanelet> {
-    vec![lanelet(1, line(&[(-200.0, 200.0), (200.0, 200.0)]), line(&[(-200.0, -200.0), (200.0, -200.0)]))]
-}
-
-fn straight_road(length: f64, half_width: f64) -> Vec<Lanelet> {
-    let bound = |y| line(&[(-20.0, y), (length, y)]);
-    vec![lanelet(1, bound(half_width), bound(-half_width))]
-}
-
-fn obstacle(id: i64, shape: Shape, motion: Motion) -> Obstacle {
-    Obstacle { id, kind: ObstacleKind::Unknown, shape, motion }
-}
-
-fn circle(radius: f64) -> Shape {
-    Shape { parts: vec![Part::Circle { centre: Point::new(0.0, 0.0), radius }] }
-}
-
-fn no_margins() -> CollisionSettings {
-    CollisionSettings {
-        static_obstacles: Margins::NONE,
-        moving_obstacles: Margins::NONE,
-        road: 0.0,
-        ..CollisionSettings::default()
-    }
-}
-
-fn world(scenario: &Scenario, settings: &CollisionSettings) -> CollisionWorld {
-    CollisionWorld::new(scenario, &vehicle(), settings, 10.0).unwrap()
-}
-
-fn footprint(pose: &Pose) -> Vec<Point> {
-    vehicle().footprint().iter().map(|p| pose.to_world(*p)).collect()
-}
-
-/// Signed separation of convex polygons over the directions of their edges: negative when they overlap. Slow and simple.
-fn separation(a: &[Point], b: &[Point]) -> f64 {
-    let one_way = |a: &[Point], b: &[Point]| {
-        (0..a.len())
-            .map(|i| {
-                let (from, to) = (a[i], a[(i + 1) % a.len()]);
-                let outward = Vector::new(to.y - from.y, from.x - to.x).normalize();
-                b.iter().map(|p| outward.dot(&(p - from))).fold(f64::INFINITY, f64::min)
-            })
-            .fold(f64::NEG_INFINITY, f64::max)
-    };
-    one_way(a, b).max(one_way(b, a))
-}
-
-/// Distance of a point to a convex polygon, 0 inside.
-fn point_distance(polygon: &[Point], p: Point) -> f64 {
-    let inside =
-        (0..polygon.len()).all(|i| cross(polygon[(i + 1) % polygon.len()] - polygon[i], p - polygon[i]) >= 0.0);
-    if inside {
-        return 0.0;
-    }
-    let closed = Polyline::new(polygon.iter().chain(std::iter::once(&polygon[0])).copied()).unwrap();
-    closed.project(p).offset.abs()
-}
-
-/// Whether the footprint overlaps any piece by more than `by` metres.
-fn overlaps(pose: &Pose, pieces: &[ConvexPart], by: f64) -> bool {
-    let body = footprint(pose);
-    pieces.iter().any(|piece| match piece {
-        ConvexPart::Polygon(points) => separation(&body, points) < -by,
-        ConvexPart::Circle { centre, radius } => point_distance(&body, *centre) < radius - by,
-    })
-}
-
-fn spirals(tightest: f64) -> impl Strategy<Value = CubicSpiral> {
-    let k = -tightest..tightest;
-    ([k.clone(), k.clone(), k.clone(), k], 2.0..40.0f64).prop_map(|(knots, length)| CubicSpiral { knots, length })
-}
-
-/// Spirals as long as the lattice's edges are at the least; shorter ones bend faster than any edge.
-fn edges(tightest: f64) -> impl Strategy<Value = CubicSpiral> {
-    let k = -tightest..tightest;
-    ([k.clone(), k.clone(), k.clone(), k], 8.0..40.0f64).prop_map(|(knots, length)| CubicSpiral { knots, length })
-}
-
-fn shapes() -> impl Strategy<Value = Shape> {
-    prop_oneof![
-        (0.2..5.0f64, 0.2..2.5f64).prop_map(|(l, w)| Shape::rectangle(l, w)),
-        (0.1..2.0f64).prop_map(circle),
-        prop::collection::vec((-2.0..2.0f64, -2.0..2.0f64), 3).prop_map(|v| Shape {
-            parts: vec![Part::Polygon { vertices: v.into_iter().map(|(x, y)| Point::new(x, y)).collect() }]
-        }),
-    ]
-}
-
-/// Poses of a spiral every `spacing` m.
-fn dense(start: &Pose, spiral: &CubicSpiral, spacing: f64) -> Vec<(f64, Pose)> {
-    let n = (spiral.length / spacing).ceil() as usize;
-    (0..=n).map(|i| spiral.length * i as f64 / n as f64).map(|s| (s, spiral.point_at(start, s).pose)).collect()
-}
+use stopline::map::{Lanelet, Motion, Obstacle, Part, Shape, TimedOccupancy, TimedPose};
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
@@ -234,7 +54,7 @@ proptest! {
             let hull = sweep.footprint(cell, &margins);
             for i in 0..=20 {
                 let pose = spiral.point_at(&start, from + (to - from) * f64::from(i) / 20.0).pose;
-                for corner in vehicle().footprint() {
+                for corner in vehicle().footprint.bounding_rectangle() {
                     let grown = corner + Vector::new((corner.x - 1.4227).signum() * longitudinal, corner.y.signum() * lateral);
                     let p = pose.to_world(grown);
                     for j in 0..hull.len() {
@@ -243,25 +63,6 @@ proptest! {
                         prop_assert!(inside > 0.0, "{inside} m outside cell {cell} of {spiral:?}, spacing {spacing}");
                     }
                 }
-            }
-        }
-    }
-
-    /// The swept footprint is at most 5 cm larger than what the vehicle covers, at curvatures a car can drive.
-    #[test]
-    fn footprints_are_at_most_five_centimetres_too_large(spiral in edges(0.12), yaw in -3.0..3.0f64) {
-        prop_assume!(spiral.length > 6.0);
-        let start = Pose::new(0.0, 0.0, yaw);
-        let world = world(&scenario(plain(), vec![]), &no_margins());
-        let sweep = world.sweep(&start, &spiral);
-        for cell in 0..sweep.cells() {
-            let (from, to) = (sweep.stations()[cell], sweep.stations()[cell + 1]);
-            let covered: Vec<Vec<Point>> = (0..=50).map(|i| {
-                footprint(&spiral.point_at(&start, from + (to - from) * f64::from(i) / 50.0).pose)
-            }).collect();
-            for p in sweep.footprint(cell, &Margins::NONE) {
-                let excess = covered.iter().map(|c| point_distance(c, p)).fold(f64::INFINITY, f64::min);
-                prop_assert!(excess < 0.05, "excess {excess} in cell {cell} of {spiral:?}");
             }
         }
     }
@@ -371,10 +172,6 @@ fn segments_cross(a: (Point, Point), b: (Point, Point)) -> bool {
 
 fn rings(world: &CollisionWorld) -> usize {
     world.statics().road().rings().count()
-}
-
-fn straight(length: f64) -> CubicSpiral {
-    CubicSpiral { knots: [0.0; 4], length }
 }
 
 #[test]

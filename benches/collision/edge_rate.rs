@@ -1,0 +1,168 @@
+//! Candidate edges a second: the cubic spiral by Newton's method, and its swept footprint against 100 static obstacles
+//! beside a two-lane road and against the road's boundary.
+//!
+//! The edges are a lattice's: between nodes of a winding road's own and neighbouring lane, 10 to 40 m apart, with
+//! headings and curvatures of the road. The obstacles are parked cars on both sides, some of which reach into a lane.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
+use stopline::geometry::spiral::{CubicSpiral, connect};
+use stopline::geometry::{Pose, wrap_angle};
+use stopline::map::{Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+
+/// Edges asked for; some have no spiral.
+const EDGES: usize = 4000;
+const OBSTACLES: i64 = 100;
+/// Cost terms look this far for obstacles, m: the default of the lattice.
+const CLEARANCE_WANTED: f64 = 0.8;
+
+/// Numbers in [0, 1) from a seed: xorshift64* (Vigna 2016).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn within(&mut self, from: f64, to: f64) -> f64 {
+        from + (to - from) * self.next()
+    }
+}
+
+/// The middle of the right lane: heading 45° and a sine of 0.2 rad about it, as `road` has it, integrated.
+fn node(s: f64, l: f64) -> (Pose, f64) {
+    const STEP: f64 = 0.1;
+    let yaw = |s: f64| 0.785 + 0.2 * (s / 30.0).sin();
+    let (mut x, mut y) = (1e5, 2e5);
+    for i in 0..(s / STEP).round() as u32 {
+        let (sin, cos) = yaw((f64::from(i) + 0.5) * STEP).sin_cos();
+        (x, y) = (x + STEP * cos, y + STEP * sin);
+    }
+    let pose = Pose::new(x, y, yaw(s));
+    let curvature = 0.2 / 30.0 * (s / 30.0).cos();
+    (Pose { position: pose.position + pose.left() * l, yaw: pose.yaw }, curvature / (1.0 - curvature * l))
+}
+
+fn world() -> CollisionWorld {
+    let mut random = Random(7);
+    let obstacles = (0..OBSTACLES).map(|id| {
+        let left = id % 2 == 0;
+        // a tenth reaches into a lane; the rest stands clear of it by up to three metres
+        let inside = random.next() < 0.1;
+        let gap = if inside { random.within(-1.0, 0.0) } else { random.within(0.3, 3.0) };
+        let l = if left { 5.25 + 0.9 + gap } else { -1.75 - 0.9 - gap };
+        let (place, _) = node(2.0 + 2.0 * id as f64, l);
+        let place = Pose { yaw: place.yaw + random.within(-0.1, 0.1), ..place };
+        Obstacle {
+            id,
+            kind: ObstacleKind::ParkedVehicle,
+            shape: Shape::rectangle(4.5, 1.8),
+            motion: Motion::Static(place),
+        }
+    });
+    let bound = |l: f64| {
+        stopline::geometry::polyline::Polyline::new((0..=125).map(|i| node(2.0 * f64::from(i), l).0.position)).unwrap()
+    };
+    let lanes = [super::lanelet(1, bound(1.75), bound(-1.75)), super::lanelet(2, bound(5.25), bound(1.75))];
+    let scenario = Scenario {
+        id: "edge rate".into(),
+        version: "2020a".into(),
+        time_step: 0.1,
+        network: RoadNetwork { lanelets: lanes.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
+        obstacles: obstacles.collect(),
+        occupancy: None,
+        problems: vec![],
+        issues: vec![],
+    };
+    CollisionWorld::new(&scenario, &super::vehicle(), &CollisionSettings::default(), 1.0).unwrap()
+}
+
+/// A boundary-value problem: where it starts, start curvature, end in the start's frame, end curvature.
+type Problem = (Pose, f64, Pose, f64);
+
+fn problems() -> Vec<Problem> {
+    let mut random = Random(1);
+    let problem = |_| {
+        let (s, ahead) = (random.within(5.0, 190.0), random.within(10.0, 40.0));
+        let from = random.within(-0.7, 4.2);
+        // no steeper than the lattice's edges
+        let to = random.within(-0.8, 4.3).clamp(from - 0.25 * ahead, from + 0.25 * ahead);
+        let ((start, k0), (end, k1)) = (node(s, from), node(s + ahead, to));
+        let local = Pose { position: start.to_local(end.position), yaw: wrap_angle(end.yaw - start.yaw) };
+        (start, k0, local, k1)
+    };
+    (0..EDGES).map(problem).collect()
+}
+
+fn solve(p: &Problem) -> Option<CubicSpiral> {
+    connect(p.1, &p.2, p.3).ok()
+}
+
+/// Items a second: for each chunk the best of some runs, so that what else the machine does disturbs little.
+fn rate<T>(items: &[T], work: impl Fn(&T)) -> f64 {
+    const RUNS: usize = 30;
+    const CHUNK: usize = 100;
+    let best = |chunk: &[T]| {
+        let time = |_| {
+            let clock = Instant::now();
+            chunk.iter().for_each(&work);
+            clock.elapsed().as_secs_f64()
+        };
+        (0..RUNS).map(time).fold(f64::INFINITY, f64::min)
+    };
+    items.len() as f64 / items.chunks(CHUNK).map(best).sum::<f64>()
+}
+
+/// Measures and prints.
+pub(crate) fn print() {
+    let (world, problems) = (world(), problems());
+    let spirals: Vec<(Pose, CubicSpiral)> = problems.iter().filter_map(|p| Some((p.0, solve(p)?))).collect();
+    let length: f64 = spirals.iter().map(|(_, s)| s.length).sum();
+    let mut free = 0;
+    for (start, spiral) in &spirals {
+        let sweep = world.sweep(start, spiral);
+        let mut probe = world.probe(start, spiral);
+        let hit = world.static_hit(&sweep);
+        assert_eq!(probe.static_hit(&Allowance::NONE), hit);
+        assert_eq!(probe.clearance(CLEARANCE_WANTED), world.clearance(&sweep, CLEARANCE_WANTED));
+        free += usize::from(hit.is_none());
+    }
+    let n = spirals.len();
+    println!(
+        "edge_rate: {n} lattice edges of {:.1} m on average, {:.0} % free, against {OBSTACLES} obstacles and 250 m of road",
+        length / n as f64,
+        100.0 * free as f64 / n as f64,
+    );
+    let solving = rate(&problems, |p| {
+        black_box(solve(p));
+    });
+    println!("  solve only                {solving:>10.0} edges/s");
+    let each = |work: &dyn Fn(&Pose, &CubicSpiral)| rate(&spirals, |(start, s)| work(start, s));
+    let both = |work: &dyn Fn(&Pose, &CubicSpiral)| rate(&problems, |p| solve(p).iter().for_each(|s| work(&p.0, s)));
+    let flat = |start: &Pose, spiral: &CubicSpiral| {
+        black_box(world.static_hit(&world.sweep(start, spiral)));
+    };
+    let coarse = |start: &Pose, spiral: &CubicSpiral| {
+        black_box(world.probe(start, spiral).static_hit(&Allowance::NONE));
+    };
+    let flat_cost = |start: &Pose, spiral: &CubicSpiral| {
+        let sweep = world.sweep(start, spiral);
+        black_box((world.static_hit(&sweep), world.clearance(&sweep, CLEARANCE_WANTED)));
+    };
+    let coarse_cost = |start: &Pose, spiral: &CubicSpiral| {
+        let mut probe = world.probe(start, spiral);
+        black_box((probe.static_hit(&Allowance::NONE), probe.clearance(CLEARANCE_WANTED)));
+    };
+    let line = |name: &str, flat: f64, coarse: f64| {
+        println!("  {name:<25} {coarse:>10.0} edges/s   flat {flat:>8.0}   ratio {:.1}", coarse / flat);
+    };
+    line("check only", each(&flat), each(&coarse));
+    line("solve and check", both(&flat), both(&coarse));
+    line("check and clearance", each(&flat_cost), each(&coarse_cost));
+    line("solve, check, clearance", both(&flat_cost), both(&coarse_cost));
+}

@@ -1,0 +1,332 @@
+//! The check of an edge against what does not move, coarse to fine.
+//!
+//! # Technique
+//! A block of cells ([`super::course`]) is asked about as a whole first: the hull of the bare body at its two ends,
+//! grown by the bound ε for the block's length, holds the footprints of all its cells. One query of the hierarchies
+//! finds what is near a block's box; what is farther than its margin from the block's hull is dropped, and only where
+//! something is left is the block halved, with that something alone, down to single cells. There the test is the very
+//! one of [`StaticWorld::first_hit`](super::StaticWorld::first_hit). Since the coarse hull holds all that the fine ones
+//! hold and the halves are visited in order, the answer is the same cell and the same blocker, to the bit.
+//!
+//! The clearance is measured at the same poses and with the same distances as
+//! [`StaticWorld::clearance`](super::StaticWorld::clearance), but only in blocks whose hull is nearer to something than
+//! the least distance so far.
+//!
+//! Frames, corners and hulls are made where they are asked for: on a free way beside the road's edge that is one frame
+//! and one hull for each block.
+//!
+//! # Weakness
+//! A block that runs along an obstacle or a bound at just its margin is halved everywhere, and costs more than the flat
+//! check. Nothing is kept: what an edge needs for its moving obstacles is a [`super::Sweep`].
+
+use std::ops::Range;
+
+use parry2d::bounding_volume::Aabb;
+
+use super::convert::Local;
+use super::convex::{Convex, SweptCorners, boxes_meet};
+use super::course::{Course, Node};
+use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
+use super::swept::{Frame, Margins};
+use super::wide::TurnedBox;
+use super::{Blocker, CollisionWorld, ROUNDING};
+use crate::geometry::Pose;
+use crate::geometry::spiral::CubicSpiral;
+
+/// A spiral or path that is checked against the static world, without its swept footprint.
+#[derive(Debug, Clone)]
+pub struct EdgeProbe<'w> {
+    world: &'w CollisionWorld,
+    course: Course,
+    blocks: Vec<Node>,
+    /// What may meet the nodes that are being descended: indices of obstacle pieces and of boundary segments, those of a
+    /// node after those of its parent.
+    near: Near,
+}
+
+/// Indices into the static world.
+#[derive(Debug, Clone)]
+struct Near {
+    obstacles: Vec<u32>,
+    boundary: Vec<u32>,
+}
+
+impl Near {
+    /// Where the next node's entries begin.
+    fn top(&self) -> (usize, usize) {
+        (self.obstacles.len(), self.boundary.len())
+    }
+
+    fn truncate(&mut self, (obstacles, boundary): (usize, usize)) {
+        self.obstacles.truncate(obstacles);
+        self.boundary.truncate(boundary);
+    }
+}
+
+impl<'w> EdgeProbe<'w> {
+    pub(super) fn new(world: &'w CollisionWorld, spirals: &[(Pose, CubicSpiral)]) -> Self {
+        let body = world.outline.body();
+        let widest = body.grown(&world.settings.widest(), 0.0);
+        let course = Course::new(&world.origin, (body, widest), world.settings.spacing, spirals);
+        let blocks = course.blocks();
+        Self {
+            world,
+            course,
+            blocks,
+            near: Near { obstacles: Vec::with_capacity(32), boundary: Vec::with_capacity(32) },
+        }
+    }
+
+    /// Number of cells, at least one.
+    #[must_use]
+    pub fn cells(&self) -> usize {
+        self.course.cells()
+    }
+
+    /// The first cell that meets a static obstacle or leaves the road, margins included: equal to
+    /// [`CollisionWorld::static_hit_from_start`] of the sweep.
+    #[must_use]
+    pub fn static_hit(&mut self, allowance: &Allowance) -> Option<StaticHit> {
+        let cells = self.cells();
+        // the cells of a part hang together: if no boundary meets them, all are inside as soon as one point is
+        let first_judged = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
+        let road = self.world.statics.road();
+        let on_road = |frame: &Frame| self.world.outline.all_parts(frame, |p| road.contains_local(p));
+        let stray = first_judged.filter(|limit| !on_road(&self.course.frame(*limit)));
+        let stray = stray.map(|limit| limit.min(cells - 1));
+        let search = Search { allowance, last: stray.unwrap_or(cells - 1) };
+        for i in 0..self.blocks.len() {
+            let block = self.blocks[i];
+            if block.first > search.last {
+                break;
+            }
+            if let Some((cell, what)) = self.hit_in_block(&search, &block) {
+                return Some(StaticHit { station: self.course.station(cell), cell, what });
+            }
+        }
+        stray.map(|cell| StaticHit { station: self.course.station(cell), cell, what: Blocker::RoadBoundary })
+    }
+
+    /// Distances to static obstacles and to the road's edge without margins, `cap` at most, m: equal to
+    /// [`CollisionWorld::clearance`] of the sweep.
+    #[must_use]
+    pub fn clearance(&mut self, cap: f64) -> Clearance {
+        let mut least = Clearance { obstacle: cap, road: cap };
+        for i in 0..self.blocks.len() {
+            let block = self.blocks[i];
+            let poses = block.first.next_multiple_of(STRIDE)..block.end;
+            let is_last = i + 1 == self.blocks.len();
+            if poses.is_empty() && !is_last {
+                continue;
+            }
+            let mut hull = self.hull(&block);
+            let reach = (least.obstacle, least.road);
+            self.query(&hull, reach);
+            let found = self.near.top();
+            self.narrow(&mut hull, ((0, 0), found), reach);
+            if self.near.top() == found {
+                continue;
+            }
+            let (pieces, segments) = (self.world.statics.obstacles(), self.world.statics.road().boundary());
+            let last = is_last.then_some(block.end);
+            for limit in poses.step_by(STRIDE).chain(last) {
+                let frame = self.course.frame(limit);
+                self.world.outline.for_each_part(&frame, |part| {
+                    let turned = TurnedBox::around(part, frame.forward);
+                    least.obstacle = nearest(&self.near.obstacles[found.0..], pieces, (part, &turned), least.obstacle);
+                    least.road = nearest(&self.near.boundary[found.1..], segments, (part, &turned), least.road);
+                });
+            }
+        }
+        least
+    }
+
+    fn hull(&mut self, node: &Node) -> NodeHull {
+        let (from, to) = (self.course.frame(node.first), self.course.frame(node.end));
+        let body = self.world.outline.body().grown(&Margins::NONE, self.course.node_slack(node));
+        let [a, b, c, d] = body.corners(&from);
+        let [e, f, g, h] = body.corners(&to);
+        NodeHull::new([a, b, c, d, e, f, g, h], from.forward + to.forward)
+    }
+
+    fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<(usize, Blocker)> {
+        let mut hull = self.hull(block);
+        self.query(&hull, self.reach());
+        if !search.judges_road(self.course.station(block.end - 1)) {
+            self.near.boundary.clear();
+        }
+        let found = self.near.top();
+        if found == (0, 0) {
+            return None;
+        }
+        self.near.obstacles.sort_unstable();
+        self.narrow(&mut hull, ((0, 0), found), self.reach());
+        if self.near.top() == found { None } else { self.descend(search, block, found) }
+    }
+
+    /// Finds the obstacle pieces and the boundary segments within a reach of a hull's turned box.
+    fn query(&mut self, hull: &NodeHull, (obstacles, road): (f64, f64)) {
+        self.near.truncate((0, 0));
+        let statics = &self.world.statics;
+        let (pieces, segments) = (statics.obstacles(), statics.road().boundary());
+        let near = &mut self.near;
+        statics.everything().visit(&hull.turned, obstacles.max(road), |leaf| {
+            #[allow(clippy::cast_possible_truncation)] // there are not 2³¹ pieces
+            if let Some(piece) = pieces.get(leaf) {
+                if hull.turned.gap_to(piece) <= obstacles {
+                    near.obstacles.push(leaf as u32);
+                }
+            } else if hull.turned.gap_to(&segments[leaf - pieces.len()]) <= road {
+                near.boundary.push((leaf - pieces.len()) as u32);
+            }
+        });
+    }
+
+    /// How far the margins to obstacles and to the road's edge reach, m.
+    fn reach(&self) -> (f64, f64) {
+        let (obstacles, road) = self.world.statics.margins();
+        (obstacles.reach(), road.reach())
+    }
+
+    /// Pushes those of the entries `from..to` that may be within reach of the hull.
+    fn narrow(
+        &mut self,
+        hull: &mut NodeHull,
+        (from, to): ((usize, usize), (usize, usize)),
+        (obstacles, road): (f64, f64),
+    ) {
+        let statics = &self.world.statics;
+        hull.keep(&mut self.near.obstacles, from.0..to.0, statics.obstacles(), obstacles);
+        hull.keep(&mut self.near.boundary, from.1..to.1, statics.road().boundary(), road);
+    }
+
+    /// The first cell of a node that meets one of the entries from `from` on.
+    fn descend(&mut self, search: &Search, node: &Node, from: (usize, usize)) -> Option<(usize, Blocker)> {
+        let to = self.near.top();
+        if node.cells() == 1 {
+            return self.blocker_of(search, node.first, from).map(|what| (node.first, what));
+        }
+        for half in node.halves() {
+            if half.cells() == 0 || half.first > search.last {
+                continue;
+            }
+            if half.cells() > 1 {
+                let mut hull = self.hull(&half);
+                self.narrow(&mut hull, (from, to), self.reach());
+            } else if let Some(what) = self.blocker_of(search, half.first, from) {
+                return Some((half.first, what));
+            }
+            if self.near.top() != to {
+                let hit = self.descend(search, &half, to);
+                if hit.is_some() {
+                    return hit;
+                }
+            }
+            self.near.truncate(to);
+        }
+        None
+    }
+
+    /// The fine test of one cell.
+    fn blocker_of(&mut self, search: &Search, cell: usize, from: (usize, usize)) -> Option<Blocker> {
+        let statics = &self.world.statics;
+        let (obstacle_margins, road_margins) = statics.margins();
+        let station = self.course.station(cell);
+        let relaxed = station < search.allowance.no_margins_until;
+        let ends = [self.course.frame(cell), self.course.frame(cell + 1)];
+        let slack = self.course.cell_slack(cell);
+        let first = |entries: &[u32], pieces: &[Convex], margins: &Margins| {
+            if entries.is_empty() {
+                return None;
+            }
+            let margins = if relaxed { &Margins::NONE } else { margins };
+            let body = self.world.outline.body().grown(margins, slack);
+            let corners: [Local; 8] = std::array::from_fn(|i| body.corners(&ends[i / 4])[i % 4]);
+            let aabb = Aabb::from_points_ref(&corners);
+            let parts = self.world.outline.swept(ends, margins, slack);
+            let mut shape = SweptCorners::new(corners).with_parts(parts);
+            entries.iter().copied().find(|i| {
+                let piece = &pieces[*i as usize];
+                boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)
+            })
+        };
+        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles(), obstacle_margins);
+        if let Some(piece) = obstacle {
+            return Some(statics.blocker(piece));
+        }
+        let on_edge = search.judges_road(station)
+            && first(&self.near.boundary[from.1..], statics.road().boundary(), road_margins).is_some();
+        on_edge.then_some(Blocker::RoadBoundary)
+    }
+}
+
+/// What a search overlooks, and the last cell it is about.
+struct Search<'a> {
+    allowance: &'a Allowance,
+    last: usize,
+}
+
+impl Search<'_> {
+    fn judges_road(&self, station: f64) -> bool {
+        station >= self.allowance.no_road_until
+    }
+}
+
+/// The least distance of the body, by its corners and the box around them, to the entries, `cap` at most, m.
+fn nearest(entries: &[u32], pieces: &[Convex], (corners, turned): (&[Local], &TurnedBox), cap: f64) -> f64 {
+    entries.iter().map(|i| &pieces[*i as usize]).fold(cap, |least, piece| {
+        if turned.gap_to(piece) - ROUNDING < least { least.min(piece.distance_to(corners)) } else { least }
+    })
+}
+
+/// The coarse hull of a node, without margins.
+#[derive(Debug, Clone)]
+struct NodeHull {
+    corners: SweptCorners,
+    /// A box around it, turned along the path.
+    turned: TurnedBox,
+    /// Outward unit normals of the hull's edges with the hull's extent along them, once needed.
+    edges: Option<([(Local, f64); 8], usize)>,
+}
+
+impl NodeHull {
+    /// `along` is about its direction, of any length.
+    fn new(corners: [Local; 8], along: Local) -> Self {
+        Self { corners: SweptCorners::new(corners), turned: TurnedBox::around(&corners, along), edges: None }
+    }
+
+    /// Appends those of the entries in the range that may be within `reach`.
+    fn keep(&mut self, entries: &mut Vec<u32>, range: Range<usize>, pieces: &[Convex], reach: f64) {
+        for i in range {
+            let entry = entries[i];
+            if self.may_meet(&pieces[entry as usize], reach) {
+                entries.push(entry);
+            }
+        }
+    }
+
+    /// False only if the piece stays further than `reach` from the hull.
+    fn may_meet(&mut self, piece: &Convex, reach: f64) -> bool {
+        let reach = reach + piece.radius();
+        let (edges, n) = self.edges();
+        edges[..*n].iter().all(|(outward, extent)| {
+            let limit = extent + reach;
+            piece.points().iter().any(|p| outward.dot(*p) <= limit)
+        })
+    }
+
+    fn edges(&mut self) -> &([(Local, f64); 8], usize) {
+        self.edges.get_or_insert_with(|| {
+            let hull = self.corners.hull();
+            let mut edges = [(Local::ZERO, 0.0); 8];
+            let n = hull.len().min(edges.len());
+            let mut from = hull[hull.len() - 1];
+            for (edge, &to) in edges.iter_mut().zip(hull) {
+                let outward = Local::new(to.y - from.y, from.x - to.x).normalize_or_zero();
+                *edge = (outward, outward.dot(from));
+                from = to;
+            }
+            (edges, n)
+        })
+    }
+}

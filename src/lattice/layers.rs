@@ -1,0 +1,163 @@
+//! Where the layers of nodes lie along the reference line.
+//!
+//! Consecutive cycles must find the same layers again, or each makes its edges anew; but a lattice that only ever has the
+//! same few stations can't place its swerves where the obstacles are. So: the distance between layers is one of a few,
+//! chosen by the speed alone; layers lie at whole multiples of a quarter of it (of the grid at least), which gives four
+//! sets of layers that take turns as the vehicle moves on; and where the reference line turns much between two layers,
+//! the gap is halved until it turns little or is one grid step.
+
+use super::Settings;
+use crate::geometry::wrap_angle;
+use crate::reference::ReferenceLine;
+
+/// Indices of stations, in multiples of [`Settings::grid`], of the layers ahead of station `here`, nearest first.
+pub(super) fn ahead(reference: &ReferenceLine, here: f64, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
+    let wanted = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
+    let (stride, phase) = spacing(wanted, settings);
+    let farthest = (here + horizon).min(reference.length());
+    let station = |index: i64| index as f64 * settings.grid;
+    let first = ceil((here + wanted) / (phase as f64 * settings.grid)) * phase;
+    let mut layers = Vec::new();
+    // the gap before the first layer may be halved, too
+    let mut to = first;
+    while layers.len() < settings.layers && station(to) <= farthest + ON_GRID {
+        split(reference, to - stride, to, settings, &mut layers);
+        layers.retain(|index| *index >= first || station(*index) >= here + settings.shortest_edge);
+        to += stride;
+    }
+    layers.truncate(settings.layers);
+    if layers.is_empty() {
+        // less than one edge of road left: the last grid station there is
+        let last = ceil(farthest / settings.grid + ON_GRID) - 1;
+        layers.extend((station(last) > here + SHORTEST_LAST_EDGE).then_some(last));
+    }
+    layers
+}
+
+/// A station within this of a grid line lies on it, in steps and m: rounding must not decide on which side.
+const ON_GRID: f64 = 1e-6;
+/// At the end of the road the only edge may be as short as this, m.
+const SHORTEST_LAST_EDGE: f64 = 1.0;
+
+/// Distances between layers and the unit that their stations are multiples of, in grid steps. Neighbouring distances
+/// differ by a third or a half, so that one is never far from what is wanted, and few of them serve all speeds.
+const SPACINGS: [(i64, i64); 8] = [(1, 1), (2, 1), (3, 1), (4, 1), (6, 2), (8, 2), (12, 3), (16, 4)];
+
+/// The spacing that is nearest in ratio to a wanted length, m.
+fn spacing(wanted: f64, settings: &Settings) -> (i64, i64) {
+    let off = |steps: i64| (steps as f64 * settings.grid / wanted).ln().abs();
+    SPACINGS.into_iter().min_by(|(a, _), (b, _)| off(*a).total_cmp(&off(*b))).unwrap_or((1, 1))
+}
+
+#[allow(clippy::cast_possible_truncation)] // stations are far below 2⁵³ grid steps
+fn ceil(steps: f64) -> i64 {
+    (steps - ON_GRID).ceil() as i64
+}
+
+/// Appends `to` and, before it, what the turning of the line asks for between `from` and `to`.
+fn split(reference: &ReferenceLine, from: i64, to: i64, settings: &Settings, layers: &mut Vec<i64>) {
+    if to - from > 1 && turning(reference, from, to, settings.grid) > settings.most_turn {
+        let middle = i64::midpoint(from, to);
+        split(reference, from, middle, settings, layers);
+        split(reference, middle, to, settings, layers);
+    } else {
+        layers.push(to);
+    }
+}
+
+/// How far the line turns between two stations, left and right both counted, rad.
+fn turning(reference: &ReferenceLine, from: i64, to: i64, grid: f64) -> f64 {
+    /// Samples a grid step.
+    const FINENESS: i64 = 2;
+    let yaw = |i: i64| reference.at(i as f64 / FINENESS as f64 * grid).pose.yaw;
+    (from * FINENESS..to * FINENESS).map(|i| wrap_angle(yaw(i + 1) - yaw(i)).abs()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lattice::tests::{bent_road, straight_road};
+    use std::collections::BTreeSet;
+
+    fn metres(layers: &[i64], settings: &Settings) -> Vec<f64> {
+        layers.iter().map(|i| *i as f64 * settings.grid).collect()
+    }
+
+    #[test]
+    fn at_one_speed_a_stretch_of_road_has_at_most_four_sets_of_layers() {
+        let (line, settings) = (straight_road(300.0), Settings::default());
+        for speed in [0.0, 3.0, 8.0, 13.9, 20.0, 25.0, 40.0] {
+            let cycles = (0..200).map(|i| ahead(&line, 10.0 + 0.7 * f64::from(i), speed, 100.0, &settings));
+            let pairs: BTreeSet<(i64, i64)> =
+                cycles.flat_map(|c| c.windows(2).map(|w| (w[0], w[1])).collect::<Vec<_>>()).collect();
+            let mut starts_in_stride = BTreeSet::new();
+            for (from, to) in &pairs {
+                starts_in_stride.insert(from % (to - from));
+            }
+            assert!(starts_in_stride.len() <= 4, "{speed} m/s: {starts_in_stride:?}");
+            // a pair of layers once left out never comes back in between
+            assert!(!pairs.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_little_more_speed_seldom_changes_the_distance_between_layers() {
+        let settings = Settings::default();
+        let distances = (0..400).map(|i| spacing((0.16 * f64::from(i)).clamp(8.0, 40.0), &settings).0);
+        let distinct: BTreeSet<i64> = distances.clone().collect();
+        assert_eq!(distinct.len(), 5, "from rest to 40 m/s: {distinct:?}");
+        assert!(distances.clone().zip(distances.skip(1)).all(|(a, b)| b >= a));
+    }
+
+    #[test]
+    fn first_edges_are_as_long_as_wanted_and_less_than_ten_metres_longer() {
+        let (line, settings) = (straight_road(400.0), Settings::default());
+        for i in 0..400 {
+            let (here, speed) = (0.31 * f64::from(i), 0.1 * f64::from(i % 300));
+            let layers = metres(&ahead(&line, here, speed, 100.0, &settings), &settings);
+            let wanted = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
+            assert!(
+                (wanted - 1e-4..wanted + 10.0).contains(&(layers[0] - here)),
+                "{} at {speed} m/s",
+                layers[0] - here
+            );
+            assert!(layers.windows(2).all(|w| w[1] > w[0]));
+            assert!(*layers.last().unwrap() <= here + 100.0 + 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_station_on_the_grid_but_for_rounding_is_on_it() {
+        let (line, settings) = (straight_road(300.0), Settings::default());
+        // 8 m beyond 12 m is the grid station of 20 m
+        for off in [-1e-7, 0.0, 1e-7] {
+            assert_eq!(ahead(&line, 12.0 + off, 0.0, 60.0, &settings)[0], 4, "{off}");
+        }
+    }
+
+    #[test]
+    fn layers_lie_closer_where_the_line_turns_and_only_there() {
+        let settings = Settings::default();
+        // straight 40 m, a quarter circle of 10 m radius, straight
+        let line = bent_road(40.0, 10.0);
+        let layers = metres(&ahead(&line, 0.0, 6.0, 100.0, &settings), &settings);
+        let gaps: Vec<(f64, f64)> = layers.windows(2).map(|w| (w[0], w[1] - w[0])).collect();
+        let in_bend = |s: &f64| (40.0..50.0).contains(s);
+        assert!(gaps.iter().any(|(s, gap)| in_bend(s) && *gap == 5.0), "{gaps:?}");
+        assert!(gaps.iter().filter(|(s, _)| *s < 25.0 || *s > 65.0).all(|(_, gap)| *gap == 10.0), "{gaps:?}");
+        // in front of the bend the first layer is nearer than on a straight road, never nearer than the shortest edge
+        let nearest = |here: f64| ahead(&line, here, 12.0, 100.0, &settings)[0] as f64 * settings.grid - here;
+        assert!(nearest(38.0) < 12.0 * settings.edge_time && nearest(38.0) >= settings.shortest_edge);
+        assert!(nearest(2.0) >= 12.0 * settings.edge_time);
+    }
+
+    #[test]
+    fn at_the_end_of_the_road_the_last_grid_station_is_a_layer() {
+        let settings = Settings::default();
+        let line = straight_road(103.0);
+        for here in [93.0, 96.0, 98.5] {
+            assert_eq!(ahead(&line, here, 2.0, 100.0, &settings), [20], "from {here} m");
+        }
+        assert_eq!(ahead(&line, 99.5, 2.0, 100.0, &settings), Vec::<i64>::new());
+    }
+}

@@ -1,0 +1,443 @@
+use super::*;
+use crate::collision::{CollisionSettings, CollisionWorld};
+use crate::geometry::polyline::Polyline;
+use crate::geometry::spiral::connect;
+use crate::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use crate::reference::{ReferenceLine, ReferenceSettings};
+use std::collections::BTreeMap;
+
+/// One wide lane along an arc, and parked cars on it.
+struct Scene {
+    /// Where the lane starts.
+    frame: Pose,
+    /// Its curvature, 1/m.
+    bend: f64,
+    /// Stations and offsets of parked cars, m.
+    cars: Vec<(f64, f64)>,
+    /// Sign of offsets and curvature: −1 for the mirror image.
+    side: f64,
+}
+
+/// Two parked cars, passed on the left and on the right.
+const CARS: [(f64, f64); 2] = [(30.0, -1.0), (62.0, 1.0)];
+/// Stations and offsets of the nodes of a path between them.
+const SLALOM: [(f64, f64); 6] = [(0.0, 0.3), (20.0, 1.2), (36.0, 1.2), (54.0, -1.2), (70.0, -1.2), (95.0, 0.0)];
+/// From the rear axle to the front bumper of the car used here, m.
+const FRONT: f64 = 3.7;
+
+impl Scene {
+    fn slalom() -> Self {
+        Self { frame: Pose::new(3.0, -7.0, 0.4), bend: 0.004, cars: CARS.to_vec(), side: 1.0 }
+    }
+
+    fn mirrored(self) -> Self {
+        let frame = Pose::new(self.frame.position.x, -self.frame.position.y, -self.frame.yaw);
+        Self { frame, side: -self.side, ..self }
+    }
+
+    fn moved(self, x: f64, y: f64) -> Self {
+        let at = self.frame.position;
+        Self { frame: Pose::new(at.x + x, at.y + y, self.frame.yaw), ..self }
+    }
+
+    fn empty(self) -> Self {
+        Self { cars: vec![], ..self }
+    }
+
+    /// The pose at a station, `l` to the left (in the mirror image, to the right).
+    fn at(&self, s: f64, l: f64) -> Pose {
+        let arc = CubicSpiral { knots: [self.side * self.bend; 4], length: 200.0 };
+        let on_line = arc.point_at(&self.frame, s).pose;
+        Pose { position: on_line.position + on_line.left() * (self.side * l), yaw: on_line.yaw }
+    }
+
+    fn network(&self) -> RoadNetwork {
+        const HALF_WIDTH: f64 = 4.5;
+        let line =
+            |l: f64| Polyline::new((0..=160).map(|i| self.at(f64::from(i) - 20.0, self.side * l).position)).unwrap();
+        let lanelet = Lanelet {
+            id: 1,
+            left: line(HALF_WIDTH),
+            right: line(-HALF_WIDTH),
+            centre: line(0.0),
+            successors: vec![],
+            predecessors: vec![],
+            adjacent_left: None,
+            adjacent_right: None,
+            speed_limit: None,
+            stop_line: None,
+            signs: vec![],
+            lights: vec![],
+            types: vec![],
+        };
+        RoadNetwork { lanelets: BTreeMap::from([(1, lanelet)]), ..RoadNetwork::default() }
+    }
+
+    fn scenario(&self) -> Scenario {
+        let car = |(id, &(s, l)): (i64, &(f64, f64))| Obstacle {
+            id,
+            kind: ObstacleKind::ParkedVehicle,
+            shape: Shape::rectangle(4.5, 1.8),
+            motion: Motion::Static(self.at(s, l)),
+        };
+        Scenario {
+            id: "test".into(),
+            version: "2020a".into(),
+            time_step: 0.1,
+            network: self.network(),
+            obstacles: (10..).zip(&self.cars).map(car).collect(),
+            occupancy: None,
+            problems: vec![],
+            issues: vec![],
+        }
+    }
+
+    fn with_ground<T>(&self, test: impl FnOnce(&Ground<'_>) -> T) -> T {
+        let scenario = self.scenario();
+        let vehicle = crate::vehicle::load("bmw_320i").unwrap();
+        let reference = ReferenceLine::new(&scenario.network, &[1], vehicle.width, &ReferenceSettings::default());
+        let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
+        let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
+        test(&Ground { reference: &reference.unwrap(), world: &world, max_curvature, half_width })
+    }
+
+    /// The path that the lattice would have through nodes.
+    fn path(&self, ground: &Ground<'_>, nodes: &[(f64, f64)]) -> LatticePath {
+        let node = |(s, l): (f64, f64)| {
+            let shrink = 1.0 - self.bend * l;
+            (self.at(s, l), self.side * self.bend / shrink)
+        };
+        let start = node(nodes[0]).0;
+        let spirals: Vec<CubicSpiral> = nodes
+            .windows(2)
+            .map(|ends| {
+                let ((from, k0), (to, k1)) = (node(ends[0]), node(ends[1]));
+                let local = Pose { position: from.to_local(to.position), yaw: to.yaw - from.yaw };
+                connect(k0, &local, k1).unwrap()
+            })
+            .collect();
+        let path = Path::new(start, &spirals).unwrap();
+        let blank = LatticePath {
+            free_length: path.length(),
+            path,
+            kept: 0,
+            sweeps: vec![],
+            blocked_by: None,
+            terms: CostTerms { missing: 5.0, ..CostTerms::default() },
+            end_offset: nodes[nodes.len() - 1].1,
+            first_offset: nodes[1].1,
+        };
+        let weights = Weights::default();
+        let (commitment, allowance) = (Commitment::default(), Allowance::NONE);
+        let stage = Stage::of(ground, &blank, &allowance, &weights, &commitment).unwrap();
+        let measured = stage.measured(&Chain::of(&spirals).unwrap()).expect("the path must be free");
+        let sweeps =
+            blank.path.pieces().map(|(_, start, spiral)| Arc::new(ground.world.sweep(start, spiral))).collect();
+        LatticePath { terms: blank.terms.plus(&measured.terms), sweeps, ..blank }
+    }
+}
+
+fn refine(ground: &Ground<'_>, path: &LatticePath, settings: &RefinementSettings) -> Option<LatticePath> {
+    let (weights, none) = (Weights::default(), Commitment::default());
+    refined(ground, path, &Allowance::NONE, FRONT, &weights, &none, settings)
+}
+
+fn energy(path: &Path) -> f64 {
+    path.pieces().map(|(_, _, spiral)| spiral.bending_energy()).sum()
+}
+
+fn spirals(path: &Path) -> Vec<CubicSpiral> {
+    path.pieces().map(|(_, _, spiral)| *spiral).collect()
+}
+
+/// The original and the refined path of the slalom.
+fn slalom(scene: &Scene) -> (LatticePath, LatticePath) {
+    scene.with_ground(|ground| {
+        let path = scene.path(ground, &SLALOM);
+        let better = refine(ground, &path, &RefinementSettings::default()).expect("there is much to gain");
+        (path, better)
+    })
+}
+
+#[test]
+fn cost_and_bending_energy_go_down_and_the_ends_stay() {
+    let (path, better) = slalom(&Scene::slalom());
+    println!(
+        "cost {:.3} to {:.3}, energy {:.5} to {:.5}",
+        path.terms.total(),
+        better.terms.total(),
+        energy(&path.path),
+        energy(&better.path)
+    );
+    assert!(better.terms.total() < 0.9 * path.terms.total());
+    assert!(energy(&better.path) < 0.8 * energy(&path.path));
+    assert_eq!(better.terms.missing, path.terms.missing);
+    assert_eq!(better.free_length, better.path.length());
+    assert_eq!(better.sweeps.len(), 5);
+    let ends = |p: &Path| (p.at(0.0), p.at(p.length()));
+    let ((start, end), (new_start, new_end)) = (ends(&path.path), ends(&better.path));
+    assert_eq!((start.pose, start.curvature), (new_start.pose, new_start.curvature));
+    assert!((end.pose.position - new_end.pose.position).norm() < 1e-9);
+    assert!((end.pose.yaw - new_end.pose.yaw).abs() < 1e-9);
+    assert!((end.curvature - new_end.curvature).abs() < 1e-12);
+    for pair in spirals(&better.path).windows(2) {
+        assert_eq!(pair[0].knots[3], pair[1].knots[0], "curvature must not jump at a joint");
+    }
+}
+
+#[test]
+fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
+    Scene::slalom().with_ground(|ground| {
+        let path = Scene::slalom().path(ground, &SLALOM);
+        let better = refine(ground, &path, &RefinementSettings::default()).unwrap();
+        let weights = Weights::default();
+        let mut sum = CostTerms { missing: 5.0, ..CostTerms::default() };
+        for (_, start, spiral) in better.path.pieces() {
+            let ends = [*start, spiral.end(start)].map(|p| ground.reference.project(p.position).s);
+            let least = least_terms(ground, start, spiral, ends.into(), &weights);
+            sum = sum.plus(&checked(ground, (start, spiral), &least, &Before::NOTHING, &weights).terms);
+        }
+        assert!((sum.total() - better.terms.total()).abs() < 1e-9, "{sum:?} {:?}", better.terms);
+    });
+}
+
+#[test]
+fn every_pose_keeps_its_margins_and_the_corridor() {
+    for limit in [0.15, 0.5] {
+        let scene = Scene::slalom();
+        scene.with_ground(|ground| {
+            let path = scene.path(ground, &SLALOM);
+            let settings = RefinementSettings { corridor: limit, ..RefinementSettings::default() };
+            let better = refine(ground, &path, &settings).unwrap();
+            let line = Polyline::new(path.path.sampled(0.05).into_iter().map(|(_, p)| p.pose.position)).unwrap();
+            for (_, point) in better.path.sampled(0.05) {
+                let here = ground.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
+                assert_eq!(ground.world.static_hit(&here), None, "at {:?}", point.pose);
+                // the linearisation misses some centimetres
+                let offset = line.project(point.pose.position).offset;
+                assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
+            }
+        });
+    }
+}
+
+/// A slalom so tight that the margins are touched on both sides: what is gained must not come from them.
+#[test]
+fn a_passage_without_room_is_passed_where_it_was() {
+    let nodes = [(0.0, 1.5), (24.0, 0.0), (36.0, 0.0), (62.0, 1.5), (90.0, 0.0)];
+    // half of the car's width, the vehicle's and the margin, and a centimetre
+    let beside = 0.9 + 0.805 + 0.2 + 0.02;
+    let scene = Scene { cars: vec![(32.0, beside), (32.0, -beside)], bend: 0.0, ..Scene::slalom() };
+    scene.with_ground(|ground| {
+        let path = scene.path(ground, &nodes);
+        let better = refine(ground, &path, &RefinementSettings::default()).unwrap_or_else(|| path.clone());
+        assert!(better.terms.total() <= path.terms.total());
+        for (_, point) in better.path.sampled(0.05) {
+            let here = ground.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
+            assert_eq!(ground.world.static_hit(&here), None);
+        }
+    });
+}
+
+#[test]
+fn a_corridor_without_width_and_a_single_edge_leave_the_path() {
+    let scene = Scene::slalom();
+    scene.with_ground(|ground| {
+        let path = scene.path(ground, &SLALOM);
+        let narrow = RefinementSettings { corridor: 1e-9, ..RefinementSettings::default() };
+        assert!(refine(ground, &path, &narrow).is_none());
+        let weights = Weights::default();
+        let (commitment, allowance) = (Commitment::default(), Allowance::NONE);
+        let stage = Stage::of(ground, &path, &allowance, &weights, &commitment).unwrap();
+        let original = Chain::of(&stage.movable).unwrap();
+        assert!(stage.program(&original, FRONT, 0.0).is_none(), "nothing to vary in no room");
+        // the edge that ends in front of something stays as it is
+        let two = scene.path(ground, &[(0.0, 0.3), (12.0, 1.6), (30.0, 1.2)]);
+        assert!(refine(ground, &two, &RefinementSettings::default()).is_some());
+        let blocked = LatticePath { blocked_by: Some(crate::collision::Blocker::Obstacle(10)), ..two };
+        assert!(refine(ground, &blocked, &RefinementSettings::default()).is_none());
+    });
+}
+
+#[test]
+fn the_mirrored_problem_has_the_mirrored_result() {
+    let (_, left) = slalom(&Scene::slalom());
+    let (_, right) = slalom(&Scene::slalom().mirrored());
+    for (a, b) in spirals(&left.path).iter().zip(spirals(&right.path)) {
+        assert!((a.length - b.length).abs() < 1e-4, "{a:?} {b:?}");
+        assert!(a.knots.iter().zip(&b.knots).all(|(a, b)| (a + b).abs() < 1e-6), "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn a_moved_map_has_the_same_result() {
+    let (_, here) = slalom(&Scene::slalom());
+    let (_, there) = slalom(&Scene::slalom().moved(1e6, -2e6));
+    for (a, b) in spirals(&here.path).iter().zip(spirals(&there.path)) {
+        assert!((a.length - b.length).abs() < 1e-4, "{a:?} {b:?}");
+        assert!(a.knots.iter().zip(&b.knots).all(|(a, b)| (a - b).abs() < 1e-6), "{a:?} {b:?}");
+    }
+    assert!((here.terms.total() - there.terms.total()).abs() < 1e-6);
+}
+
+#[test]
+fn a_path_that_is_best_already_stays() {
+    let scene = Scene::slalom().empty();
+    scene.with_ground(|ground| {
+        let settings = RefinementSettings::default();
+        let on_line = scene.path(ground, &[(0.0, 0.0), (20.0, 0.0), (50.0, 0.0), (80.0, 0.0)]);
+        assert!(refine(ground, &on_line, &settings).is_none(), "an arc along the line");
+    });
+}
+
+/// Refining what is refined gains little, and in the end nothing: the same path to the bit.
+#[test]
+fn refining_again_settles() {
+    let scene = Scene::slalom();
+    scene.with_ground(|ground| {
+        let settings = RefinementSettings::default();
+        let first = refine(ground, &scene.path(ground, &SLALOM), &settings).unwrap();
+        let (mut path, mut rounds) = (first.clone(), 0);
+        while let Some(next) = refine(ground, &path, &settings) {
+            assert!(next.terms.total() < path.terms.total());
+            path = next;
+            rounds += 1;
+            assert!(rounds < 10, "it does not settle");
+        }
+        let gain = (first.terms.total() - path.terms.total()) / first.terms.total();
+        println!("{rounds} more rounds gained {:.2} %", 100.0 * gain);
+        assert!(gain < 0.1, "{gain}");
+    });
+}
+
+#[test]
+fn the_committed_path_pulls_and_is_priced_as_the_planner_does() {
+    let scene = Scene::slalom();
+    scene.with_ground(|ground| {
+        let path = scene.path(ground, &SLALOM);
+        let free = refine(ground, &path, &RefinementSettings::default()).unwrap();
+        let poses = [5.0, 10.0, 20.0, 30.0].map(|d| (d, path.path.at(d).pose)).to_vec();
+        let commitment = Commitment { poses, price: 10.0, most: f64::INFINITY };
+        assert!(commitment.cost(&path.path) < 1e-9);
+        let (weights, settings) = (Weights::default(), RefinementSettings::default());
+        let held = refined(ground, &path, &Allowance::NONE, FRONT, &weights, &commitment, &settings).unwrap();
+        let (far, near) = (commitment.cost(&free.path), commitment.cost(&held.path));
+        assert!(near < 0.3 * far, "{near} {far}");
+        let total = |p: &LatticePath| p.terms.total() + commitment.cost(&p.path);
+        assert!(total(&held) <= total(&free).min(total(&path)));
+    });
+}
+
+#[test]
+fn curvature_stays_within_a_bound_that_bites() {
+    let scene = Scene { bend: 0.0, ..Scene::slalom() }.empty();
+    scene.with_ground(|ground| {
+        let path = scene.path(ground, &[(0.0, 2.0), (12.0, 0.5), (24.0, 0.6), (36.0, -1.2), (50.0, 0.0)]);
+        let bound = spirals(&path.path).iter().fold(0.0_f64, |m, s| m.max(s.max_abs_curvature()));
+        let tight = Ground { max_curvature: 0.5 * bound, ..*ground };
+        let rate = |p: &Path| spirals(p).iter().fold(0.0_f64, |m, s| m.max(s.max_abs_curvature_rate()));
+        let better = refine(&tight, &path, &RefinementSettings::default()).unwrap();
+        for spiral in spirals(&better.path) {
+            assert!(spiral.max_abs_curvature() <= bound * (1.0 + 1e-9));
+        }
+        assert!(rate(&better.path) <= rate(&path.path) * (1.0 + 1e-9));
+    });
+}
+
+/// Least bending energy by a slow search without derivatives: each variable in turn a step up or down, the end brought
+/// back, the step made smaller where nothing helps. Unless joints slide, the pieces keep their shares of the length.
+fn searched(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
+    let target = original.end();
+    // ∫κ² by the midpoint rule, not in closed form
+    let energy = |chain: &Chain| {
+        const CELLS: i32 = 200;
+        let of = |s: &CubicSpiral| {
+            let h = s.length / f64::from(CELLS);
+            (0..CELLS).map(|i| h * s.curvature((f64::from(i) + 0.5) * h).powi(2)).sum::<f64>()
+        };
+        chain.spirals().iter().map(of).sum::<f64>()
+    };
+    let (mut best, mut least) = (original.clone(), energy(original));
+    let inner = original.knots.len() - 2;
+    let mut steps = vec![1e-3; inner];
+    steps.extend(vec![0.2; original.pieces()]);
+    for _ in 0..600 {
+        for (i, step) in steps.iter_mut().enumerate() {
+            let better = [1.0, -1.0].into_iter().find_map(|side| {
+                let mut next = best.clone();
+                if i < inner {
+                    next.knots[i + 1] += side * *step
+                } else {
+                    next.lengths[i - inner] += side * *step
+                }
+                let mut legal = next.restore(&target);
+                if !joints_slide {
+                    let factor = next.length() / original.length();
+                    next.lengths = original.lengths.iter().map(|l| l * factor).collect();
+                    // by knots and lengths in turn, until both agree
+                    legal = (0..8).all(|_| {
+                        let back = next.restore(&target);
+                        let factor = next.length() / original.length();
+                        next.lengths = original.lengths.iter().map(|l| l * factor).collect();
+                        back
+                    }) && (next.end().position - target.position).norm() < 1e-6;
+                }
+                legal = legal && next.max_abs_curvature_rate() <= rate;
+                let now = if legal { energy(&next) } else { f64::INFINITY };
+                (now < least).then_some((next, now))
+            });
+            match better {
+                Some(found) => {
+                    (best, least) = found;
+                    *step *= 1.6;
+                }
+                None => *step *= 0.6,
+            }
+            *step = step.max(1e-9);
+        }
+    }
+    least
+}
+
+#[test]
+fn a_slow_search_finds_nothing_better_by_a_hundredth() {
+    let weights = Weights { offset: 0.0, lane: 0.0, clearance: 0.0, ..Weights::default() };
+    let scene = Scene { bend: 0.0, ..Scene::slalom() }.empty();
+    let cases: [&[(f64, f64)]; 3] = [
+        &[(0.0, 0.0), (18.0, 0.8), (40.0, 0.5)],
+        &[(0.0, 0.5), (15.0, 0.0), (35.0, 0.3)],
+        &[(0.0, 0.0), (20.0, 0.4), (36.0, 1.1), (60.0, 1.0)],
+    ];
+    for nodes in cases {
+        scene.with_ground(|ground| {
+            let path = scene.path(ground, nodes);
+            let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, least_gain: 1e-4 };
+            let start = std::time::Instant::now();
+            let none = Commitment::default();
+            let better = refined(ground, &path, &Allowance::NONE, FRONT, &weights, &none, &settings).unwrap();
+            let quick = refined(
+                ground,
+                &path,
+                &Allowance::NONE,
+                FRONT,
+                &weights,
+                &none,
+                &RefinementSettings { corridor: 1.0, ..RefinementSettings::default() },
+            );
+            let original = Chain::of(&spirals(&path.path)).unwrap();
+            let rate = original.max_abs_curvature_rate().max(RATE_FLOOR);
+            let (least, sliding) = (searched(&original, rate, false), searched(&original, rate, true));
+            let found = energy(&better.path);
+            println!(
+                "{:?}: {:.6} to {found:.6} (by default {:.6}), searched {least:.6}, sliding {sliding:.6}",
+                start.elapsed(),
+                energy(&path.path),
+                quick.map_or(f64::NAN, |q| energy(&q.path))
+            );
+            assert!(found <= 1.01 * least, "{found} where {least} is possible");
+            // joints slide along the path only slowly, for little
+            let saved = (energy(&path.path) - found) / (energy(&path.path) - sliding);
+            assert!(saved > 0.99, "{saved} of what could be saved");
+        });
+    }
+}

@@ -1,0 +1,400 @@
+//! The search against slow, simple code, and what it promises about repetition, threads and sharing.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::edges::{Before, Edge};
+use super::*;
+use crate::collision::CollisionSettings;
+use crate::geometry::polyline::Polyline;
+use crate::geometry::{Point, Vector};
+use crate::map::{Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use crate::reference::ReferenceSettings;
+use crate::route::tests::{lanelet, two_lane_road};
+use proptest::prelude::*;
+
+/// A straight reference line along x.
+pub(super) fn straight_road(length: f64) -> ReferenceLine {
+    lane((0..=20).map(|i| Point::new(length * f64::from(i) / 20.0, 0.0)).collect())
+}
+
+/// Straight, a left turn by 90°, straight for 60 m.
+pub(super) fn bent_road(before: f64, radius: f64) -> ReferenceLine {
+    let turned = (1..=30).map(|i| std::f64::consts::FRAC_PI_2 * f64::from(i) / 30.0);
+    let bend = turned.map(|a| Point::new(before + radius * a.sin(), radius * (1.0 - a.cos())));
+    let first = (0..=10).map(|i| Point::new(before * f64::from(i) / 10.0, 0.0));
+    let last = (1..=20).map(|i| Point::new(before + radius, radius + 3.0 * f64::from(i)));
+    lane(first.chain(bend).chain(last).collect())
+}
+
+/// The reference line of a lane 3.5 m wide.
+fn lane(centre: Vec<Point>) -> ReferenceLine {
+    let middle = Polyline::new(centre.iter().copied()).unwrap();
+    let side = |offset: f64| {
+        Polyline::new((0..centre.len()).map(|i| {
+            let (a, b) = (centre[i.saturating_sub(1)], centre[(i + 1).min(centre.len() - 1)]);
+            let along: Vector = (b - a).normalize();
+            centre[i] + Vector::new(-along.y, along.x) * offset
+        }))
+        .unwrap()
+    };
+    let mut network = RoadNetwork::default();
+    network.lanelets.insert(1, lanelet(1, side(1.75), side(-1.75), middle));
+    ReferenceLine::new(&network, &[1], 1.61, &ReferenceSettings::default()).unwrap()
+}
+
+/// A car of 4.5 m × 1.8 m that stands along the road.
+fn car(id: i64, x: f64, y: f64) -> Obstacle {
+    standing(id, Pose::new(x, y, 0.0), 4.5, 1.8)
+}
+
+fn standing(id: i64, pose: Pose, length: f64, width: f64) -> Obstacle {
+    let (kind, shape) = (ObstacleKind::ParkedVehicle, Shape::rectangle(length, width));
+    Obstacle { id, kind, shape, motion: Motion::Static(pose) }
+}
+
+/// 100 m of two lanes, the reference line in the middle of the right one (y = 0).
+fn with_ground(obstacles: Vec<Obstacle>, test: impl FnOnce(&Ground<'_>)) {
+    let scenario = Scenario {
+        id: "test".into(),
+        version: "2020a".into(),
+        time_step: 0.1,
+        network: two_lane_road(2),
+        obstacles,
+        occupancy: None,
+        problems: vec![],
+        issues: vec![],
+    };
+    let vehicle = crate::vehicle::load("bmw_320i").unwrap();
+    let reference =
+        ReferenceLine::new(&scenario.network, &[100, 101], vehicle.width, &ReferenceSettings::default()).unwrap();
+    let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
+    let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
+    test(&Ground { reference: &reference, world: &world, max_curvature, half_width });
+}
+
+fn root(ground: &Ground<'_>, station: f64, offset: f64) -> Root {
+    let pose = ground.reference.offset_pose(station, offset).unwrap().pose;
+    Root { pose, curvature: 0.0, kept: vec![], start: pose, allowance: Allowance::NONE }
+}
+
+/// Everything that a path says, but for its sweeps.
+fn summary(paths: &[LatticePath]) -> Vec<(Path, f64, CostTerms, Option<Blocker>)> {
+    paths.iter().map(|p| (p.path.clone(), p.free_length, p.terms, p.blocked_by)).collect()
+}
+
+/// Counts without those that depend on what was kept from before.
+fn reasons(counts: &EdgeCounts) -> EdgeCounts {
+    EdgeCounts { solved: 0, swept: 0, ..counts.clone() }
+}
+
+fn assert_complete(counts: &EdgeCounts) {
+    let c = counts;
+    let refused = c.off_road + c.no_spiral + c.curvature_bound + c.winds;
+    assert_eq!(c.tried, refused + c.unchecked + c.obstacle + c.occupied_cell + c.road_edge + c.free, "{c:?}");
+    assert_eq!(c.obstacle, c.by_obstacle.values().sum::<usize>(), "{c:?}");
+}
+
+#[test]
+fn what_a_store_was_asked_before_does_not_change_its_answers() {
+    with_ground(vec![car(7, 30.0, 0.0)], |ground| {
+        let settings = Settings::default();
+        let mut used = EdgeStore::default();
+        // from the side, other nodes are reached first
+        for (station, offset) in [(5.0, 1.0), (5.5, -0.5), (5.0, 1.0), (6.0, 0.3), (5.0, 0.0)] {
+            let root = root(ground, station, offset);
+            let asked = search(ground, &root, 5.0, 40.0, &settings, &mut used);
+            let fresh = search(ground, &root, 5.0, 40.0, &settings, &mut EdgeStore::default());
+            assert!(!fresh.paths.is_empty());
+            assert_eq!(summary(&asked.paths), summary(&fresh.paths));
+            assert_eq!(reasons(&asked.counts), reasons(&fresh.counts));
+            let again = search(ground, &root, 5.0, 40.0, &settings, &mut used);
+            assert_eq!(summary(&again.paths), summary(&fresh.paths));
+            assert_eq!((again.counts.solved, again.counts.swept), (0, 0), "the same question is answered twice");
+        }
+    });
+}
+
+#[test]
+fn the_parked_car_is_passed_or_stopped_at_and_no_path_ends_off_the_road() {
+    with_ground(vec![car(7, 30.0, 0.0)], |ground| {
+        let root = root(ground, 5.0, 0.0);
+        let found = paths(ground, &root, 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
+        assert!(found.iter().any(|p| p.blocked_by.is_none()), "nothing passes");
+        assert!(found.windows(2).all(|w| w[0].terms.rank() <= w[1].terms.rank()));
+        for path in found.iter().filter(|p| p.blocked_by.is_none()) {
+            let end = path.path.at(path.path.length()).pose;
+            assert_eq!(ground.world.start_overlap(&end, 0.0), None);
+        }
+    });
+}
+
+/// The cheapest free chain to each end node, by trying all chains, every edge checked.
+struct AllChains<'a> {
+    ground: &'a Ground<'a>,
+    root: &'a Root,
+    stations: Vec<f64>,
+    nodes: Vec<Node>,
+    settings: &'a Settings,
+    best: BTreeMap<usize, f64>,
+    tried: usize,
+}
+
+impl AllChains<'_> {
+    fn extend(&mut self, layer: usize, from: Option<usize>, cost: f64) {
+        let (ground, settings) = (self.ground, self.settings);
+        let targets = match from {
+            Some(_) => layer..(layer + 1).min(self.stations.len()),
+            None => 0..settings.root_layers.min(self.stations.len()),
+        };
+        let count = self.nodes.len();
+        for (to_layer, j) in targets.flat_map(|l| (0..count).map(move |j| (l, j))) {
+            let to = (self.stations[to_layer], &self.nodes[j], j);
+            let (edge, before) = match from {
+                None => {
+                    let begins = ground.reference.project(self.root.pose.position).s;
+                    (
+                        Edge::from_root(ground, (begins, self.root), to, settings),
+                        Before::root(ground, self.root, &settings.weights),
+                    )
+                }
+                Some(i) => {
+                    let steep = (self.nodes[i].offset - self.nodes[j].offset).abs()
+                        / (self.stations[to_layer] - self.stations[to_layer - 1]);
+                    if steep > settings.steepest {
+                        continue;
+                    }
+                    let from = (self.stations[to_layer - 1], &self.nodes[i]);
+                    (Edge::between(ground, from, to, settings), Before::NOTHING)
+                }
+            };
+            let Ok(edge) = edge else { continue };
+            let checked = edge.check(ground, &before, settings);
+            self.tried += 1;
+            if checked.blocked_by.is_some() || edge.ends_chain {
+                continue;
+            }
+            let cost = cost + checked.terms.total();
+            if to_layer + 1 == self.stations.len() {
+                let best = self.best.entry(j).or_insert(f64::INFINITY);
+                *best = best.min(cost);
+            } else {
+                self.extend(to_layer + 1, Some(j), cost);
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+    /// On small lattices with cars in all places: whatever free path is handed out is the cheapest to its node, the
+    /// first one is the cheapest of all, and if there is none there is none.
+    #[test]
+    fn lazy_search_finds_what_trying_all_chains_finds(
+        cars in prop::collection::vec((18.0..70.0_f64, -1.5..5.0_f64), 0..4),
+        offset in -0.6..1.2_f64,
+        headings in prop::sample::select(vec![vec![0.0], vec![-0.08, 0.08]]),
+    ) {
+        let obstacles = cars.iter().enumerate().map(|(i, (x, y))| car(i as i64, *x, *y)).collect();
+        let settings = Settings {
+            offset_spacing: 1.0, offset_limit: if headings.len() > 1 { 1.0 } else { 2.0 }, headings, ..Settings::default()
+        };
+        let mut failure = None;
+        with_ground(obstacles, |ground| {
+            let root = root(ground, 4.0, offset);
+            let stations = layers::ahead(ground.reference, 4.0, 9.5, 60.0, &settings);
+            let found = search(ground, &root, 9.5, 60.0, &settings, &mut EdgeStore::default());
+            assert_complete(&found.counts);
+            let eager = search::Search::new(ground, &root, &stations, 60.0, &settings, &mut EdgeStore::default());
+            let eager = eager.run_eagerly();
+            assert_eq!(eager.counts.unchecked, 0);
+            assert_eq!(summary(&found.paths), summary(&eager.paths), "blocked chains included");
+            let nodes = nodes(&settings);
+            let stations: Vec<f64> = stations.iter().map(|i| *i as f64 * settings.grid).collect();
+            assert!((2..=4).contains(&stations.len()), "{stations:?}");
+            let best = BTreeMap::new();
+            let mut all = AllChains { ground, root: &root, stations, nodes, settings: &settings, best, tried: 0 };
+            all.extend(0, None, 0.0);
+            let missing = |p: &LatticePath| settings.weights.missing * (60.0 - p.free_length).max(0.0);
+            let free: Vec<&LatticePath> = found.paths.iter().filter(|p| p.blocked_by.is_none()).collect();
+            let ends: Vec<f64> = free.iter().map(|p| p.terms.total() - missing(p)).collect();
+            let cheapest = all.best.values().copied().fold(f64::INFINITY, f64::min);
+            if free.is_empty() != all.best.is_empty() {
+                failure = Some(format!("{} free paths where there are {:?}", free.len(), all.best));
+            }
+            for (path, cost) in free.iter().zip(&ends) {
+                let of_node = all.best.iter().filter(|(j, _)| all.nodes[**j].offset == path.end_offset);
+                if !of_node.into_iter().any(|(_, best)| (best - cost).abs() < 1e-6) {
+                    failure = Some(format!("{cost} to offset {}, and {:?}", path.end_offset, all.best));
+                }
+            }
+            // lengths differ a little between end nodes, and with them what is missing to the horizon
+            if let Some(first) = ends.first() && *first > cheapest + settings.weights.missing * 1.0 {
+                failure = Some(format!("first is {first}, the cheapest {cheapest}"));
+            }
+        });
+        prop_assert!(failure.is_none(), "{failure:?}");
+    }
+}
+
+#[test]
+fn thread_counts_give_equal_bits() {
+    with_ground(vec![car(7, 30.0, 0.0), car(8, 60.0, 3.0)], |ground| {
+        let found = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let root = root(ground, 5.0, 0.2);
+            let found =
+                pool.install(|| search(ground, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default()));
+            let numbers: Vec<u64> = found
+                .paths
+                .iter()
+                .flat_map(|p| {
+                    let spirals = p.path.pieces().flat_map(|(s, _, spiral)| {
+                        spiral.knots.into_iter().chain([s, spiral.length]).collect::<Vec<_>>()
+                    });
+                    spirals.chain([p.terms.total(), p.free_length]).map(f64::to_bits).collect::<Vec<_>>()
+                })
+                .collect();
+            (numbers, found.counts)
+        };
+        let one = found(1);
+        assert!(one.0.len() > 100);
+        for threads in [1, 2, 5] {
+            assert!(found(threads) == one, "{threads} threads differ from one");
+        }
+    });
+}
+
+#[test]
+fn edges_that_paths_share_are_made_once() {
+    with_ground(vec![car(7, 40.0, 0.0)], |ground| {
+        let (settings, mut store) = (Settings::default(), EdgeStore::default());
+        let found = search(ground, &root(ground, 5.0, 0.0), 8.0, 70.0, &settings, &mut store);
+        let mut distinct: Vec<*const Sweep> = found.paths.iter().flat_map(|p| &p.sweeps).map(Arc::as_ptr).collect();
+        let used = distinct.len();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert!(distinct.len() < used, "paths share nothing: {used} edges");
+        // the same piece of road is the same sweep
+        let pieces = |p: &LatticePath| -> Vec<(Pose, CubicSpiral)> {
+            p.path.pieces().map(|(_, start, spiral)| (*start, *spiral)).collect()
+        };
+        for (a, b) in found.paths.iter().flat_map(|a| found.paths.iter().map(move |b| (a, b))) {
+            for (i, (start, spiral)) in pieces(a).iter().enumerate() {
+                let same = pieces(b).iter().position(|(s, sp)| sp == spiral && s.position == start.position);
+                if let Some(j) = same {
+                    assert!(Arc::ptr_eq(&a.sweeps[i], &b.sweeps[j]), "the same edge was swept twice");
+                }
+            }
+        }
+        assert_complete(&found.counts);
+        let counts = &found.counts;
+        assert_eq!(counts.swept, counts.free + counts.obstacle + counts.road_edge, "an edge was checked twice");
+        assert!(counts.unchecked > 100, "not lazy: {counts:?}");
+        // from a little farther on, only the edges from the root are new
+        let next = search(ground, &root(ground, 5.3, 0.0), 8.0, 70.0, &settings, &mut store);
+        assert!(next.counts.solved <= settings.root_layers * nodes(&settings).len(), "{:?}", next.counts);
+        assert!(next.counts.swept < counts.swept, "{:?} after {counts:?}", next.counts);
+    });
+}
+
+/// A root 6 m behind the end of a kept arc.
+fn kept_root(ground: &Ground<'_>) -> Root {
+    let start = ground.reference.offset_pose(5.0, 0.0).unwrap().pose;
+    let kept = CubicSpiral { knots: [0.01; 4], length: 6.0 };
+    let end = kept.point_at(&start, kept.length);
+    Root { pose: end.pose, curvature: end.curvature, kept: vec![kept], start, allowance: Allowance::NONE }
+}
+
+#[test]
+fn the_kept_part_is_swept_once_and_all_paths_begin_with_it() {
+    with_ground(vec![car(7, 40.0, 0.0)], |ground| {
+        let found =
+            search(ground, &kept_root(ground), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
+        assert!(found.len() > 3);
+        for path in &found {
+            assert!(Arc::ptr_eq(&path.sweeps[0], &found[0].sweeps[0]));
+            assert_eq!(path.sweeps.len(), path.path.pieces().count());
+            let swept: f64 = path.sweeps.iter().map(|s| s.stations().last().unwrap()).sum();
+            assert!((swept - path.path.length()).abs() < 1e-9, "{swept} m swept of {} m", path.path.length());
+            if path.blocked_by.is_none() {
+                assert!((path.free_length - path.path.length()).abs() < 1e-9);
+            }
+        }
+    });
+}
+
+#[test]
+fn what_blocks_the_kept_part_blocks_every_path_there() {
+    // front bumper at 5 + 3.7 m: 2 m of the kept part are free
+    with_ground(vec![standing(3, Pose::new(11.3, 0.0, 0.0), 0.5, 3.0)], |ground| {
+        let found =
+            search(ground, &kept_root(ground), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
+        assert!(!found.is_empty());
+        for path in found {
+            assert_eq!(path.blocked_by, Some(Blocker::Obstacle(3)));
+            assert!((0.5..4.0).contains(&path.free_length), "{} m free", path.free_length);
+        }
+    });
+}
+
+#[test]
+fn a_lattice_without_an_edge_tells_its_reasons() {
+    with_ground(vec![], |ground| {
+        // beside the line, turned off it, and hardly able to steer: nothing ends in a node
+        let ground = Ground { max_curvature: 1e-4, ..*ground };
+        let mut root = root(&ground, 5.0, 0.3);
+        root.pose.yaw += 0.1;
+        root.start = root.pose;
+        let found = search(&ground, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
+        let counts = &found.counts;
+        assert_complete(counts);
+        assert!(found.paths.is_empty());
+        assert!(counts.off_road > 0, "nodes to the right of the road: {counts:?}");
+        assert!(counts.curvature_bound > 10 && counts.curvature_bound == counts.tried - counts.off_road, "{counts:?}");
+        // a root that looks back winds round
+        root.pose.yaw += 2.0;
+        root.start = root.pose;
+        let ground = Ground { max_curvature: 1.0, ..ground };
+        let found = search(&ground, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
+        assert!(found.counts.winds + found.counts.no_spiral > 10, "{:?}", found.counts);
+        assert_complete(&found.counts);
+    });
+}
+
+#[test]
+fn a_wall_is_named_as_the_reason_that_nothing_passes() {
+    with_ground(vec![standing(5, Pose::new(50.0, 1.75, 0.0), 1.0, 12.0)], |ground| {
+        let root = root(ground, 5.0, 0.0);
+        let found = search(ground, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
+        assert_complete(&found.counts);
+        // some swerve off the road before they come to the wall
+        assert!(found.paths.iter().all(|p| p.blocked_by.is_some()));
+        assert_eq!(found.paths[0].blocked_by, Some(Blocker::Obstacle(5)));
+        assert_eq!(found.counts.by_obstacle.keys().copied().collect::<Vec<_>>(), [5]);
+        assert!(found.counts.obstacle > 10 && found.counts.free > 0, "{:?}", found.counts);
+    });
+}
+
+#[test]
+fn no_road_ahead_gives_no_paths_and_no_counts() {
+    with_ground(vec![], |ground| {
+        let end = ground.reference.length();
+        let found =
+            search(ground, &root(ground, end - 0.5, 0.0), 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
+        assert!(found.paths.is_empty());
+        assert_eq!(found.counts, EdgeCounts::default());
+    });
+}
+
+#[test]
+fn more_headings_never_make_the_best_path_dearer() {
+    with_ground(vec![car(7, 32.0, 0.3), car(8, 52.0, 3.4)], |ground| {
+        let best = |headings: Vec<f64>| {
+            let settings = Settings { headings, ..Settings::default() };
+            paths(ground, &root(ground, 5.0, 0.0), 8.0, 70.0, &settings, &mut EdgeStore::default())[0].terms.total()
+        };
+        let (one, three) = (best(vec![0.0]), best(vec![-0.1, 0.0, 0.1]));
+        assert!(three <= one + 1e-9, "{three} instead of {one}");
+    });
+}

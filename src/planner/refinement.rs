@@ -1,0 +1,76 @@
+//! The chosen path, refined as a whole and evaluated anew like any other candidate.
+//!
+//! Only the chosen path is refined: which one is chosen stays the lattice's decision, so that refinement brings no
+//! flicker of its own. It is committed in the place of the lattice's own if its stop is proven on the same rung and its
+//! total cost, the delay of its own speed search included, is not greater, and it gets no less far.
+//!
+//! On the way from another lane nothing is refined: offsets beyond [`OFFSET_SATURATES`] all cost the same, so the costs
+//! do not see when the change of lanes happens, and refining it in every cycle would put it off in every cycle.
+
+use std::time::Instant;
+
+use super::candidate::{Evaluation, Proven};
+use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
+use crate::lattice::refine::{Commitment, refined};
+use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
+
+/// A plan that falls behind by less than this is as fast, m.
+const ON_TIME: f64 = 0.01;
+
+impl Planner<'_> {
+    /// The choice with its path refined, where that checks out; else as it is.
+    pub(super) fn refined(&self, start: &Start, rung: Rung, choice: Choice, record: &mut CycleRecord) -> Choice {
+        let begun = Instant::now();
+        let better = self.refinement(start, rung, &choice, record);
+        record.seconds.refinement = begun.elapsed().as_secs_f64();
+        match better {
+            Some((path, proven, cost)) => Choice { path, proven, cost, is_refined: true, ..choice },
+            None => choice,
+        }
+    }
+
+    fn refinement(
+        &self,
+        start: &Start,
+        rung: Rung,
+        choice: &Choice,
+        record: &mut CycleRecord,
+    ) -> Option<(LatticePath, Box<Proven>, f64)> {
+        let settings = &self.settings.refinement;
+        if !settings.enabled {
+            return None;
+        }
+        let lane = self.lanes.as_ref().ok().and_then(|lanes| lanes.get(choice.lane))?;
+        if lane.reference.project(start.point.pose.position).l.abs() > OFFSET_SATURATES {
+            return None;
+        }
+        let world = &self.worlds[rung.world];
+        let weights = &self.settings.lattice.weights;
+        let commitment = in_force(self.committed.as_ref(), start)
+            .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.switching));
+        let mut path = refined(
+            &ground(self.vehicle, &lane.reference, world),
+            &choice.path,
+            &allowance_at(world, &start.point),
+            self.vehicle.front_overhang_from_rear_axle(),
+            weights,
+            &commitment,
+            settings,
+        )?;
+        path.terms.switching = commitment.cost(&path.path);
+        let situation = self.situation(start, lane, rung);
+        match situation.evaluate(&path) {
+            Evaluation::Rejected { expansions, .. } => {
+                record.expansions += expansions;
+                None
+            }
+            Evaluation::Proven(proven) => {
+                record.expansions += proven.expansions;
+                let delay = weights.delay * (situation.free_progress() - proven.progress).max(0.0);
+                let cost = path.terms.total() + delay;
+                let is_slower = proven.progress + ON_TIME < choice.proven.progress;
+                (!is_slower && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Occupied cells in the way of a drive: walls are stopped at, gaps are driven through, contacts are seen.
+
+mod common;
+
+use common::{VEHICLE, bundled, driven, failures};
+use stopline::drive::Outcome;
+use stopline::geometry::{Point, Pose};
+use stopline::map::{Cell, OccupancyGrid, Scenario};
+use stopline::verdict;
+
+/// Side of a cell, m, and rows of a wall: 20 m to each side of the lane's middle.
+const SIDE: f64 = 0.5;
+const ROWS: usize = 80;
+/// Where the wall stands, m ahead of the start.
+const AHEAD: f64 = 45.0;
+
+/// The straight road with a wall of cells across it, open within `gap` of the vehicle's way, m.
+fn walled(gap: f64) -> (Scenario, Pose) {
+    let mut scenario = bundled("straight_100m");
+    let foot = scenario.problems[0].initial.centre.advanced(AHEAD);
+    let across = ROWS as f64 * SIDE;
+    let origin = Pose { position: foot.position - foot.left() * (0.5 * across), yaw: foot.yaw };
+    let middle = |row: usize| (row as f64 + 0.5) * SIDE - 0.5 * across;
+    let cell = |row: usize| if middle(row).abs() < gap { Cell::Free } else { Cell::Occupied };
+    let cells = (0..ROWS).map(cell).collect();
+    scenario.occupancy = Some(OccupancyGrid::new(origin, SIDE, 1, ROWS, cells).unwrap());
+    (scenario, foot)
+}
+
+/// How far the front stays before the wall, m.
+fn room(run: &stopline::drive::Run, foot: &Pose) -> f64 {
+    let front = Point::new(VEHICLE.front_overhang_from_rear_axle(), 0.0);
+    let ahead = |pose: &Pose| -foot.to_local(pose.to_world(front)).x;
+    run.log.samples.iter().map(|s| ahead(&s.pose)).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn a_wall_of_cells_across_the_road_is_stopped_at() {
+    let (scenario, foot) = walled(0.0);
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::StoppedSafely, "{:?}", failures(&run));
+    let room = room(&run, &foot);
+    assert!((0.2..8.0).contains(&room), "stops {room} m before it");
+    let last = run.log.samples.last().unwrap();
+    assert!(last.speed.abs() < 0.01);
+    assert!(run.verdict.checks.iter().any(|c| c.name == "no_contact" && c.pass));
+}
+
+#[test]
+fn a_gap_in_the_wall_is_driven_through() {
+    let (scenario, foot) = walled(1.5);
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::GoalReached, "{:?}", failures(&run));
+    assert!(run.verdict.pass(), "{:?}", failures(&run));
+    assert!(room(&run, &foot) < 0.0, "it is behind the wall");
+}
+
+/// The run of the empty road, judged with the wall in it: the rig saw nothing, the verdict does.
+#[test]
+fn driving_through_occupied_cells_fails_the_verdict() {
+    let empty = bundled("straight_100m");
+    let run = driven(&empty);
+    let (scenario, _) = walled(0.0);
+    let verdict = |scenario: &Scenario| {
+        let settings = verdict::Settings::default();
+        let checks = verdict::judge(scenario, &scenario.problems[0], &VEHICLE, &run.cycles, &run.log, &settings).checks;
+        checks.into_iter().find(|c| c.name == "no_contact").unwrap()
+    };
+    assert!(verdict(&empty).pass);
+    let check = verdict(&scenario);
+    assert!(!check.pass && check.note.contains("occupied cells"), "{check:?}");
+    // deeper than the car is long, it is across the wall: the least move out is forwards or back
+    assert!(check.value > 0.5, "{check:?}");
+    assert!(verdict(&walled(1.5).0).pass, "the gap is wide enough");
+}
+
+/// The command line reads a grid of ROS beside the scenario.
+#[test]
+fn a_grid_is_given_on_the_command_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, foot) = walled(0.0);
+    let across = ROWS as f64 * SIDE;
+    let origin = foot.position - foot.left() * (0.5 * across);
+    let yaml = format!(
+        "image: wall.pgm\nresolution: {SIDE}\norigin: [{}, {}, {}]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
+        origin.x, origin.y, foot.yaw
+    );
+    std::fs::write(folder.path().join("wall.yaml"), yaml).unwrap();
+    let run = || {
+        let mut command = assert_cmd::Command::cargo_bin("stopline").unwrap();
+        command.current_dir(folder.path()).args([
+            "drive",
+            "--quiet",
+            "--grid",
+            "wall.yaml",
+            "--json",
+            "-",
+            "--svg",
+            "out.svg",
+        ]);
+        command.arg(common::maps().join("straight_100m.xml")).output().unwrap()
+    };
+    let missing = run();
+    assert_eq!(missing.status.code(), Some(3));
+    let told = String::from_utf8_lossy(&missing.stderr).into_owned();
+    assert!(told.contains("wall.yaml:1: image \"wall.pgm\""), "{told}");
+    std::fs::write(folder.path().join("wall.pgm"), format!("P2 1 {ROWS} 255\n{}", "0 ".repeat(ROWS))).unwrap();
+    let drive = run();
+    let json: serde_json::Value = serde_json::from_slice(&drive.stdout).unwrap();
+    assert_eq!(json["outcome"], "stopped_safely");
+    assert!(std::fs::read_to_string(folder.path().join("out.svg")).unwrap().contains("id=\"occupancy\""));
+}

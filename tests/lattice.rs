@@ -1,0 +1,211 @@
+//! The lattice alone, without speed or loop: the best path through a slalom of parked cars and over a change of lanes
+//! comes out of it, and with the way closed nothing does.
+
+mod common;
+
+use common::VEHICLE;
+use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld};
+use stopline::geometry::polyline::Polyline;
+use stopline::geometry::{Point, Pose};
+use stopline::lattice::{EdgeStore, Found, Ground, LatticePath, Root, Settings, search};
+use stopline::map::{Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use stopline::reference::{ReferenceLine, ReferenceSettings};
+
+/// Length of the roads, m.
+const LENGTH: f64 = 160.0;
+/// A parked car, m.
+const CAR: (f64, f64) = (4.5, 1.8);
+
+/// A straight lanelet along x between two lateral positions, m.
+fn lanelet(id: i64, right: f64, left: f64) -> Lanelet {
+    let line = |y: f64| Polyline::new((0..=16).map(|i| Point::new(0.1 * LENGTH * f64::from(i), y))).unwrap();
+    Lanelet {
+        id,
+        left: line(left),
+        right: line(right),
+        centre: line(f64::midpoint(left, right)),
+        successors: vec![],
+        predecessors: vec![],
+        adjacent_left: None,
+        adjacent_right: None,
+        speed_limit: None,
+        stop_line: None,
+        signs: vec![],
+        lights: vec![],
+        types: vec![],
+    }
+}
+
+fn parked(id: i64, x: f64, y: f64, (length, width): (f64, f64)) -> Obstacle {
+    let motion = Motion::Static(Pose::new(x, y, 0.0));
+    Obstacle { id, kind: ObstacleKind::ParkedVehicle, shape: Shape::rectangle(length, width), motion }
+}
+
+/// What the lattice finds on lanelet 1, from a rear-axle pose at a speed.
+fn found(lanelets: Vec<Lanelet>, obstacles: &[Obstacle], start: Pose, speed: f64, horizon: f64) -> Found {
+    let network = RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() };
+    let scenario = Scenario {
+        id: "test".into(),
+        version: "2020a".into(),
+        time_step: 0.1,
+        network,
+        obstacles: obstacles.to_vec(),
+        occupancy: None,
+        problems: vec![],
+        issues: vec![],
+    };
+    let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
+    let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0).unwrap();
+    let (max_curvature, half_width) = (VEHICLE.max_curvature(), 0.5 * VEHICLE.width);
+    let ground = Ground { reference: &reference, world: &world, max_curvature, half_width };
+    let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
+    search(&ground, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default())
+}
+
+/// Least distance between the vehicle driven along a path and a rectangle along x, m: points of the vehicle's outline
+/// every few centimetres, against the box.
+fn distance(path: &LatticePath, obstacle: &Obstacle, (length, width): (f64, f64)) -> f64 {
+    let Motion::Static(at) = &obstacle.motion else { panic!("it moves") };
+    let corners = VEHICLE.footprint.bounding_rectangle();
+    let outline: Vec<Point> = (0..4)
+        .flat_map(|i| (0..60).map(move |k| (i, f64::from(k) / 60.0)))
+        .map(|(i, u)| corners[i] + (corners[(i + 1) % 4] - corners[i]) * u)
+        .collect();
+    let steps = (path.path.length() / 0.1) as i32;
+    let poses = (0..=steps).map(|i| path.path.at(0.1 * f64::from(i)).pose);
+    let gap = |p: Point| {
+        let (dx, dy) = ((p.x - at.position.x).abs() - 0.5 * length, (p.y - at.position.y).abs() - 0.5 * width);
+        dx.max(0.0).hypot(dy.max(0.0))
+    };
+    poses.flat_map(|pose| outline.iter().map(move |p| gap(pose.to_world(*p)))).fold(f64::INFINITY, f64::min)
+}
+
+/// Lateral position of the vehicle's centre when it is beside x, m.
+fn beside(path: &LatticePath, x: f64) -> f64 {
+    let centre = |i: i32| VEHICLE.centre_of_rear_axle(&path.path.at(0.1 * f64::from(i)).pose).position;
+    let steps = (path.path.length() / 0.1) as i32;
+    (0..=steps).map(centre).min_by(|a, b| (a.x - x).abs().total_cmp(&(b.x - x).abs())).unwrap().y
+}
+
+/// Cars on alternate sides of a road 7 m wide: each leaves less than its own half of the road.
+fn slalom(mirrored: bool) -> Vec<Obstacle> {
+    let side = if mirrored { -1.0 } else { 1.0 };
+    [(1, 40.0, 1.5), (2, 65.0, -1.5), (3, 90.0, 1.5)].map(|(id, x, y)| parked(id, x, side * y, CAR)).to_vec()
+}
+
+fn best_free(found: &Found) -> Option<&LatticePath> {
+    found.paths.iter().find(|p| p.blocked_by.is_none())
+}
+
+#[test]
+fn the_best_path_through_a_slalom_passes_each_car_on_its_free_side() {
+    for mirrored in [false, true] {
+        let cars = slalom(mirrored);
+        let found = found(vec![lanelet(1, -3.5, 3.5)], &cars, Pose::new(8.0, 0.0, 0.0), 7.0, 110.0);
+        let path = &found.paths[0];
+        assert_eq!(path.blocked_by, None, "the cheapest path is not one that gets through: {:?}", found.counts);
+        assert!(path.path.length() > 90.0, "ends after {} m", path.path.length());
+        for car in &cars {
+            let Motion::Static(at) = &car.motion else { panic!("it moves") };
+            let (x, y) = (at.position.x, at.position.y);
+            let offset = beside(path, x);
+            // half a car, half of the vehicle and the margin from the car's middle, and no farther out than need be
+            let away = (y - offset) * y.signum();
+            let least = 0.5 * (CAR.1 + VEHICLE.width) + 0.2;
+            assert!((least..least + 0.9).contains(&away), "car {} is passed {away:.2} m off its middle", car.id);
+            let gap = distance(path, car, CAR);
+            assert!(gap >= 0.199, "{gap:.3} m to car {}", car.id);
+        }
+    }
+}
+
+#[test]
+fn a_slalom_with_one_gap_closed_has_no_way_through_and_says_what_closes_it() {
+    let mut cars = slalom(false);
+    cars.push(parked(9, 65.0, 1.5, CAR));
+    let found = found(vec![lanelet(1, -3.5, 3.5)], &cars, Pose::new(8.0, 0.0, 0.0), 7.0, 110.0);
+    assert!(best_free(&found).is_none());
+    let by = &found.counts.by_obstacle;
+    assert!(by.contains_key(&2) && by.contains_key(&9), "{by:?}");
+    // the way as far as the gap is still offered
+    let farthest = found.paths.iter().map(|p| p.free_length).fold(0.0, f64::max);
+    let gap = 65.0 - 0.5 * CAR.0 - VEHICLE.front_overhang_from_rear_axle() - 8.0;
+    assert!((gap - 1.5..gap).contains(&farthest), "{farthest:.2} m of {gap:.2} m");
+}
+
+/// Two lanes of 3.5 m; the reference line is that of the left one, y = 3.5.
+fn two_lanes() -> Vec<Lanelet> {
+    let (mut left, mut right) = (lanelet(1, 1.75, 5.25), lanelet(2, -1.75, 1.75));
+    left.adjacent_right = Some(Neighbour { id: 2, same_direction: true });
+    right.adjacent_left = Some(Neighbour { id: 1, same_direction: true });
+    vec![left, right]
+}
+
+/// Largest lateral acceleration on a path at one speed, m/s².
+fn lateral(path: &LatticePath, speed: f64) -> f64 {
+    let curvatures = path.path.pieces().map(|(_, _, spiral)| spiral.max_abs_curvature());
+    curvatures.fold(0.0, f64::max) * speed * speed
+}
+
+/// The speeds at which the lane is changed, each with where a lorry stands on the own lane, m.
+const CHANGES: [(f64, f64); 2] = [(8.0, 60.0), (14.0, 90.0)];
+const LORRY: (f64, f64) = (10.0, 2.5);
+
+fn lane_change(speed: f64, lorry: &Obstacle) -> Found {
+    found(two_lanes(), std::slice::from_ref(lorry), Pose::new(8.0, 0.0, 0.0), speed, 120.0)
+}
+
+#[test]
+fn a_lane_change_ends_in_the_middle_of_the_other_lane_before_what_blocks_this_one() {
+    for (speed, blocked_from) in CHANGES {
+        let lorry = parked(4, blocked_from, 0.0, LORRY);
+        let found = lane_change(speed, &lorry);
+        let path = &found.paths[0];
+        assert_eq!((path.blocked_by, path.end_offset), (None, 0.0), "at {speed} m/s: {:?}", found.counts);
+        let end = path.path.at(path.path.length());
+        assert!((end.pose.position.y - 3.5).abs() < 1e-6 && end.pose.yaw.abs() < 1e-6 && end.curvature.abs() < 1e-6);
+        assert!(distance(path, &lorry, LORRY) >= 0.199);
+        // it goes over once and stays
+        let ys: Vec<f64> = (8..=150).map(|x| beside(path, f64::from(x))).collect();
+        assert!(ys.windows(2).all(|w| w[1] >= w[0] - 0.05), "swings back: {ys:?}");
+    }
+}
+
+/// Does not hold yet: the lattice knows no speed, so that all ways over which it hands out may have to be driven more
+/// slowly than the vehicle is, and the speed layer refuses them.
+#[test]
+#[ignore = "known weakness: at 8 m/s all candidates over to the other lane ask for more than 4 m/s²"]
+fn one_of_the_ways_over_can_be_driven_at_the_present_speed() {
+    for (speed, blocked_from) in CHANGES {
+        let found = lane_change(speed, &parked(4, blocked_from, 0.0, LORRY));
+        let offered: Vec<(f64, f64, Option<Blocker>)> =
+            found.paths.iter().map(|p| (p.end_offset, lateral(p, speed), p.blocked_by)).collect();
+        let is_gentle =
+            |(end, lateral, blocked): &(f64, f64, Option<Blocker>)| *end == 0.0 && *lateral < 2.0 && blocked.is_none();
+        assert!(offered.iter().any(is_gentle), "none at {speed} m/s: {offered:?}");
+    }
+}
+
+#[test]
+fn a_wall_across_both_lanes_leaves_no_way() {
+    let wall = parked(5, 60.0, 1.75, (1.0, 9.0));
+    let found = found(two_lanes(), &[wall], Pose::new(8.0, 0.0, 0.0), 8.0, 120.0);
+    assert!(best_free(&found).is_none());
+    assert_eq!(found.paths[0].blocked_by, Some(Blocker::Obstacle(5)));
+    assert!(found.counts.free > 0, "even the way as far as the wall is missing");
+}
+
+#[test]
+fn a_full_lane_is_not_changed_to() {
+    let row: Vec<Obstacle> = (0..22).map(|i| parked(10 + i, 15.0 + 7.0 * i as f64, 3.5, CAR)).collect();
+    let found = found(two_lanes(), &row, Pose::new(8.0, 0.0, 0.0), 8.0, 120.0);
+    let path = best_free(&found).expect("the own lane is free");
+    // as near to the reference line as the row lets it, and no nearer
+    let nearest = 3.5 - 0.5 * CAR.1 - 0.5 * VEHICLE.width - 0.2;
+    for x in [30.0, 60.0, 90.0] {
+        assert!(beside(path, x) < nearest, "{} m over at {x} m", beside(path, x));
+    }
+    for car in &row {
+        assert!(distance(path, car, CAR) >= 0.199, "car {}", car.id);
+    }
+}
