@@ -82,6 +82,10 @@ pub(super) struct SafeTlpArgs {
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub(super) memory: u32,
 
+    /// Begin no search of plan-to-stop after this time, s; those left out are told.
+    #[arg(long, value_name = "S", default_value_t = 1800.0, value_parser = seconds)]
+    pub(super) time_limit: f64,
+
     /// The result as JSON; `-` prints it on stdout, and nothing else.
     #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
     pub(super) json: Option<PathBuf>,
@@ -185,6 +189,14 @@ pub(super) struct RunArgs {
     /// No report and no progress bar; errors only.
     #[arg(long)]
     pub(super) quiet: bool,
+}
+
+/// A time that is a number and not negative, s.
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds >= 0.0 => Ok(seconds),
+        _ => Err("a time in seconds, not negative".into()),
+    }
 }
 
 #[cfg(test)]

@@ -2,13 +2,13 @@
 //! that the comfortable actions reach, and of the safe states it takes the one farthest along the road, then the earliest.
 //!
 //! The lattice is searched station by station. States of one station live in a layer; only two layers are in memory at a
-//! time, and of all others the steps alone (three bytes a state), from which the plan is played again. That is what makes ten
+//! time, and of all others the steps alone (a byte a state), from which the plan is played again. That is what makes twenty
 //! million states fit into [`super::Resolution::memory`].
 
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
-use super::lattice::{Budget, KeyHasher, Lattice, Phase, REST, Rules, hash_table_bytes};
+use super::lattice::{KeyHasher, Lattice, Phase, REST, Rules, hash_table_bytes};
 use super::{SpeedPlan, SpeedState};
 
 /// The best plan; `None` if no safe state is reachable, or if a budget ended the search before one was met.
@@ -16,8 +16,9 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
     let rules = Rules { problem: lattice.problem, wait: lattice.waits(), braking: lattice.strongest(Phase::Explore) };
     let root = lattice.state(0);
     let nodes = lattice.problem.stations.len();
-    let mut layers = Layers { here: vec![root], next: Vec::new(), steps: vec![Vec::new(); nodes], states: 1 };
-    layers.steps[0].push(Step::ROOT);
+    let mut layers = Layers { here: vec![root], next: Vec::new(), steps: Vec::new(), done: 0 };
+    layers.steps.resize_with(nodes, Steps::default);
+    layers.steps[0].push(Step { parent: 0, successor: 0, waited: false });
     let mut best: Option<Best> = None;
     let mut seen: [Seen; 2] = Default::default();
     let mut budget = lattice.resolution.expansions;
@@ -28,7 +29,7 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
             if state.speed <= REST && lattice.problem.is_safe_rest(node, state.time) {
                 best = better(best, Best { node, index, time: state.time });
             }
-            if !lattice.charge_with(&mut budget, layers.bytes() + seen[0].bytes() + seen[1].bytes()) {
+            if !lattice.charge_with(&mut budget, layers.bytes(node) + seen[0].bytes() + seen[1].bytes()) {
                 break 'stations;
             }
             let mut number = 0;
@@ -42,11 +43,7 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
             index += 1;
         }
         lattice.statistics.closed += layers.here.len();
-        if layers.next.len() >= Step::MOST {
-            lattice.spent = Some(Budget::Memory);
-            break;
-        }
-        layers.advance();
+        layers.advance(node);
         seen.swap(0, 1);
         seen[1].clear();
     }
@@ -84,48 +81,72 @@ struct Layers {
     here: Vec<SpeedState>,
     next: Vec<SpeedState>,
     /// For each station, of each state.
-    steps: Vec<Vec<Step>>,
-    /// Number of all of them.
-    states: usize,
+    steps: Vec<Steps>,
+    /// Capacity of the steps of the stations that are done, bytes.
+    done: usize,
 }
 
-/// How a state was reached, in three bytes: the index of its parent in its layer, and which of the parent's successors it
-/// is. The parent lies in the same layer if they waited, else in the layer before.
-#[derive(Clone, Copy, PartialEq)]
-struct Step([u8; 3]);
+/// How the states of a station were reached, a byte each: how many states their parent lies after the parent of the one
+/// before, and which of the parent's successors they are. Parents come in order, first those at the station before, then
+/// those that wait at the same one; each kind is counted from zero.
+#[derive(Default)]
+struct Steps {
+    bytes: Vec<u8>,
+    /// Number of states.
+    states: usize,
+    /// Parents of the last state that came from the station before, and of the last one that waited.
+    last: [usize; 2],
+}
 
-impl Step {
+/// How one state was reached.
+#[derive(Clone, Copy)]
+struct Step {
+    /// Index of the parent at its station.
+    parent: usize,
+    /// Number among its successors.
+    successor: u8,
+    /// Whether the parent is at the same station.
+    waited: bool,
+}
+
+impl Steps {
     /// Bits of the successor's number; there are five actions.
     const BITS: u32 = 3;
-    /// Stands for waiting.
-    const WAITED: u32 = (1 << Self::BITS) - 1;
-    const ROOT: Self = Self([u8::MAX; 3]);
-    /// States of a layer that can be told apart: two million.
-    const MOST: usize = (1 << (24 - Self::BITS)) - 1;
+    const LOW: u8 = (1 << Self::BITS) - 1;
+    /// In place of a successor's number: waited, which is the first of the actions.
+    const WAITED: u8 = 7;
+    /// In place of a successor's number: no state, but parents to pass over, on the way from the station before or waiting.
+    const PASS: [u8; 2] = [5, 6];
+    /// Parents that a byte passes over at most.
+    const FAR: usize = (u8::MAX >> Self::BITS) as usize;
 
-    fn new(parent: usize, successor: u32, waited: bool) -> Self {
-        #[allow(clippy::cast_possible_truncation)] // layers are kept below `MOST`
-        let packed = (parent as u32) << Self::BITS | if waited { Self::WAITED } else { successor };
-        let [a, b, c, _] = packed.to_le_bytes();
-        Self([a, b, c])
+    #[allow(clippy::cast_possible_truncation)] // five bits
+    fn push(&mut self, Step { parent, successor, waited }: Step) {
+        let kind = usize::from(waited);
+        let mut ahead = parent - self.last[kind];
+        self.last[kind] = parent;
+        while ahead > Self::FAR {
+            self.bytes.push((Self::FAR as u8) << Self::BITS | Self::PASS[kind]);
+            ahead -= Self::FAR;
+        }
+        self.bytes.push((ahead as u8) << Self::BITS | if waited { Self::WAITED } else { successor });
+        self.states += 1;
     }
 
-    fn packed(self) -> u32 {
-        let [a, b, c] = self.0;
-        u32::from_le_bytes([a, b, c, 0])
-    }
-
-    fn parent(self) -> usize {
-        (self.packed() >> Self::BITS) as usize
-    }
-
-    fn waited(self) -> bool {
-        self.packed() & Self::WAITED == Self::WAITED
-    }
-
-    fn successor(self) -> usize {
-        // waiting is the first of the actions
-        if self.waited() { 0 } else { (self.packed() & Self::WAITED) as usize }
+    /// All of them, in order.
+    fn unpacked(&self) -> Vec<Step> {
+        let mut steps = Vec::with_capacity(self.states);
+        let mut last = [0; 2];
+        for byte in &self.bytes {
+            let (ahead, low) = (usize::from(byte >> Self::BITS), byte & Self::LOW);
+            let waited = low == Self::WAITED || low == Self::PASS[1];
+            last[usize::from(waited)] += ahead;
+            if !Self::PASS.contains(&low) {
+                let successor = if waited { 0 } else { low };
+                steps.push(Step { parent: last[usize::from(waited)], successor, waited });
+            }
+        }
+        steps
     }
 }
 
@@ -143,38 +164,50 @@ fn better(best: Option<Best>, found: Best) -> Option<Best> {
 }
 
 impl Layers {
-    /// Adds the `number`th successor of a state of the present layer.
-    fn add(&mut self, parent: usize, number: u32, node: usize, to: SpeedState) {
+    /// Adds the `successor`th successor of a state of the present layer.
+    fn add(&mut self, parent: usize, successor: u8, node: usize, to: SpeedState) {
         let waited = to.node == node;
         if waited { &mut self.here } else { &mut self.next }.push(to);
-        self.steps[to.node].push(Step::new(parent, number, waited));
-        self.states += 1;
+        self.steps[to.node].push(Step { parent, successor, waited });
     }
 
-    fn advance(&mut self) {
+    fn advance(&mut self, node: usize) {
+        self.steps[node].bytes.shrink_to_fit();
+        self.done += self.steps[node].bytes.len();
         std::mem::swap(&mut self.here, &mut self.next);
         self.next.clear();
     }
 
-    fn bytes(&self) -> usize {
-        let states = (self.here.len() + self.next.len()) * size_of::<SpeedState>();
-        states + self.states * size_of::<Step>()
+    /// Memory in use while a station is gone through, bytes.
+    fn bytes(&self, node: usize) -> usize {
+        let states = (self.here.capacity() + self.next.capacity()) * size_of::<SpeedState>();
+        let steps = self.steps.iter().skip(node).take(2).map(|s| s.bytes.capacity()).sum::<usize>();
+        states + self.done + steps
     }
 
     /// The way to a state: backwards by the steps, then played forwards.
     fn plan(&self, root: SpeedState, rules: &Rules<'_>, best: &Best) -> SpeedPlan {
         let (mut node, mut index) = (best.node, best.index);
-        let mut steps = Vec::new();
-        while let Some(&step) = self.steps.get(node).and_then(|s| s.get(index)).filter(|s| **s != Step::ROOT) {
-            steps.push(step);
-            (node, index) = (if step.waited() { node } else { node - 1 }, step.parent());
+        let mut successors = Vec::new();
+        let mut steps = self.steps[node].unpacked();
+        loop {
+            if node == 0 && index == 0 {
+                break;
+            }
+            let Some(&step) = steps.get(index) else { break };
+            successors.push(step.successor);
+            index = step.parent;
+            if !step.waited {
+                node -= 1;
+                steps = self.steps[node].unpacked();
+            }
         }
         let mut states = vec![root];
         let mut here = root;
-        for step in steps.iter().rev() {
+        for wanted in successors.into_iter().rev() {
             let mut number = 0;
             rules.successors(&here.clone(), |to| {
-                if number == step.successor() {
+                if number == wanted {
                     here = to;
                 }
                 number += 1;

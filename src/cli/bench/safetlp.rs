@@ -1,11 +1,12 @@
 //! `stopline bench safetlp`: the table, the JSON, the CSV and the picture of the paper's experiment.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
 use super::{check_json, check_table, held};
-use crate::bench::safetlp::{Comparison, LIMIT_SETS, Method, Settings, compare, searches};
+use crate::bench::safetlp::{Comparison, LIMIT_SETS, Method, Settings, TIME_LIMIT, compare, searches};
 use crate::cli::args::SafeTlpArgs;
 use crate::cli::job::Outputs;
 use crate::cli::{Exit, Failure, json as result, print, report};
@@ -24,6 +25,7 @@ pub(super) fn run(args: SafeTlpArgs) -> Result<Exit, Failure> {
         time_bin: args.time_bin,
         every: args.every,
         memory: args.memory as usize * MIB,
+        time_limit: args.time_limit,
         ..Settings::default()
     };
     let bar = report::counting_bar(searches(&settings) as u64, args.quiet);
@@ -92,8 +94,18 @@ fn method_json(comparison: &Comparison, method: Method) -> Value {
         "median_expansions": all.expansions,
         "mean_average_speed_mps": all.average_speed,
         "largest_memory_bytes": all.bytes,
+        "ended": ended(comparison, method),
         "limit_sets": (0..LIMIT_SETS.len()).map(set).collect::<Vec<_>>(),
     })
+}
+
+/// How many searches of a method ended how.
+fn ended(comparison: &Comparison, method: Method) -> BTreeMap<&'static str, usize> {
+    let mut counts = BTreeMap::new();
+    for measured in comparison.group(method, None).measured {
+        *counts.entry(measured.ended).or_insert(0) += 1;
+    }
+    counts
 }
 
 /// One row for each method and instance. The last column is the clock's.
@@ -147,8 +159,34 @@ fn text(comparison: &Comparison, value: &Value) -> String {
     let rows = rows.chain(Method::ALL.iter().map(|m| cells(comparison, *m)));
     text += &report::table(&rows.collect::<Vec<_>>());
     text.push('\n');
+    text += &bounds_met(comparison);
     text += &check_table(&comparison.checks());
     let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
+    text
+}
+
+/// A line for each method of which searches met a bound.
+fn bounds_met(comparison: &Comparison) -> String {
+    let s = &comparison.settings;
+    let bounds = [
+        ("memory_budget", format!("ended at the memory bound of {} MiB", s.memory / MIB)),
+        ("expansion_budget", "ended at their bound of expansions".to_owned()),
+        (TIME_LIMIT, format!("were left out: the time limit of {} s was over", s.time_limit)),
+    ];
+    let mut text = String::new();
+    for method in Method::ALL {
+        let all = comparison.group(method, None).measured;
+        for (code, ended) in &bounds {
+            let met = all.iter().filter(|m| m.ended == *code).count();
+            if met > 0 {
+                // writing to a String cannot fail
+                let _ = writeln!(text, "{}: {met} of {} searches {ended}", method.label(), all.len());
+            }
+        }
+    }
+    if !text.is_empty() {
+        text.push('\n');
+    }
     text
 }
 
