@@ -44,6 +44,7 @@
 //! on length, bending energy alone prefers ever longer detours.
 
 mod basis;
+mod certificate;
 #[cfg(test)]
 mod reference;
 mod scaled;

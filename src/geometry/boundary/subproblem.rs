@@ -130,6 +130,14 @@ impl<const K: usize> Model<'_, K> {
         step
     }
 
+    /// By how much the objective could fall if nothing were bounded: half the squared Newton decrement (Boyd &
+    /// Vandenberghe, 9.5.1). Inequalities can only leave less.
+    pub(super) fn gain(&self) -> Option<f64> {
+        let factor = cholesky(&self.hessian, self.variables)?;
+        let shares = solved(&factor, &self.gradient, self.variables);
+        Some(-self.change(&shares))
+    }
+
     /// The least of the model, if it lies in the trust region and keeps ranges and lengths: then it is what the program
     /// without bounds would find.
     pub(super) fn unconstrained(&self, radius: f64) -> Option<Step<K>> {
