@@ -5,7 +5,7 @@ use super::certificate::impossible;
 use super::scaled::{Place, Scaled, moved};
 use super::subproblem::{Bounds, Model, Step, cholesky};
 use super::{EndCondition, Infeasibility, Method, Status};
-use crate::geometry::spiral::{CubicSpiral, Spiral, connect};
+use crate::geometry::spiral::{CubicSpiral, Spiral, Tables, connect};
 use crate::geometry::{Point, Pose};
 
 /// Convex programs at most; two to five are usual.
@@ -34,6 +34,8 @@ const COMES_NEAR: f64 = 0.15;
 /// Boxes of the proof that nothing fits, before the search where its start is out of bounds, and after it.
 const EARLY_BOXES: usize = 20;
 const LATE_BOXES: usize = 200;
+/// A start that breaks a bound by more than this (relative) may well have no solution: proof is looked for first.
+const OUT_OF_REACH: f64 = 0.12;
 /// A start from Newton's root with more curvature than this many bounds is tried against a tamer one.
 const WILD: f64 = 1.3;
 
@@ -79,16 +81,18 @@ pub(super) struct Run<const K: usize> {
     scaled: Scaled<K>,
     iterations: u32,
     programs: u32,
+    /// Whether a proof that nothing fits was looked for in earnest, and not found.
+    looked_for_proof: bool,
 }
 
 impl<const K: usize> Run<K> {
     pub(super) fn new(scaled: Scaled<K>) -> Self {
-        Self { scaled, iterations: 0, programs: 0 }
+        Self { scaled, iterations: 0, programs: 0, looked_for_proof: false }
     }
 
     pub(super) fn solve(mut self) -> Outcome<K> {
         let (mut status, place) = self.search();
-        if status == stuck() && impossible(&self.scaled, LATE_BOXES) {
+        if status == stuck() && !self.looked_for_proof && impossible(&self.scaled, LATE_BOXES) {
             status = Status::Infeasible(Infeasibility::Certified);
         }
         self.outcome(status, &place)
@@ -112,11 +116,20 @@ impl<const K: usize> Run<K> {
                 continue;
             }
             let start = self.measured(place);
-            if attempt == 0 && start.broken() > 0.0 && self.is_position_held() && impossible(&self.scaled, EARLY_BOXES)
+            if attempt == 0
+                && start.broken() > OUT_OF_REACH
+                && self.is_position_held()
+                && impossible(&self.scaled, EARLY_BOXES)
             {
                 return (Status::Infeasible(Infeasibility::Certified), start.place);
             }
             let found = self.descend(start);
+            if found.0 == stuck() && self.is_position_held() && !self.looked_for_proof {
+                if impossible(&self.scaled, LATE_BOXES) {
+                    return (Status::Infeasible(Infeasibility::Certified), found.1.place);
+                }
+                self.looked_for_proof = true;
+            }
             if best.as_ref().is_none_or(|best| self.is_better(&found, best)) {
                 best = Some(found);
             }
@@ -186,7 +199,9 @@ impl<const K: usize> Run<K> {
         let target = self.shifted_target();
         let newton = connect(scaled.start_curvature, &target, scaled.end_curvature).ok();
         let tame = drawn(&self.tame(newton, &target));
-        let Some(root) = newton.map(|cubic| drawn(&cubic)).filter(|root| *root != tame) else { return (tame, None) };
+        let Some(root) = newton.map(|cubic| unbent(drawn(&cubic))).filter(|root| *root != tame) else {
+            return (tame, None);
+        };
         let worst = |spiral: &Spiral<K>| scaled.beyond(spiral).iter().fold(0.0, |m: f64, b| m.max(*b));
         let restored = |spiral: &Spiral<K>| scaled.restored(spiral).map_or(f64::INFINITY, |p| worst(&p.jet.spiral));
         if worst(&root) < WILD - 1.0 || restored(&tame) >= worst(&root) {
@@ -378,6 +393,27 @@ fn drawn<const K: usize>(cubic: &CubicSpiral) -> Spiral<K> {
     Spiral { knots, length: cubic.length }
 }
 
+/// The least bent quintic with a quintic's ends, to first order in the heading: same length, curvatures at the ends,
+/// heading at the end and mean heading, which is the direction of the chord. Changes of the curvature that leave these alone
+/// are u (1−u) times polynomials that are orthogonal to 1 and u under that weight, with t = 2u − 1 the Gegenbauer polynomials
+/// 5t² − 1 and 7t³ − 3t; one being even and the other odd, each has its own share.
+fn unbent<const K: usize>(mut spiral: Spiral<K>) -> Spiral<K> {
+    if K < 6 {
+        return spiral;
+    }
+    let mass = &Tables::<K>::MASS;
+    for polynomial in [|t: f64| 5.0 * t * t - 1.0, |t: f64| 7.0 * t * t * t - 3.0 * t] {
+        let change: [f64; K] = std::array::from_fn(|i| {
+            let t = 2.0 * i as f64 / (K - 1) as f64 - 1.0;
+            (1.0 - t * t) * polynomial(t)
+        });
+        let bent: [f64; K] = std::array::from_fn(|i| dot(&mass[i], &change));
+        let share = dot(&bent, &spiral.knots) / dot(&bent, &change);
+        add(&mut spiral.knots, -share, &change);
+    }
+    spiral
+}
+
 /// The quadratic model about a place, with the multipliers that the last step gave.
 fn model<'a, const K: usize>(scaled: &'a Scaled<K>, place: &'a Place<K>, last: &Step<K>) -> Option<Model<'a, K>> {
     let rows = scaled.rows(place, &[None; 4]);
@@ -479,6 +515,28 @@ mod tests {
             }
         }
         convex
+    }
+
+    #[test]
+    fn the_unbent_quintic_keeps_what_it_should_and_bends_least() {
+        for (start, end, curvature) in lattice_problems(50) {
+            let root: Spiral<6> = drawn(&connect(start, &end, curvature).unwrap());
+            let least = unbent(root);
+            // ∫κ and ∫∫κ, by exact sums over the basis
+            let mean = |s: &Spiral<6>| -> f64 {
+                let heading = s.curvature_polynomial().0;
+                heading.iter().enumerate().map(|(p, c)| c / ((p + 1) as f64 * (p + 2) as f64)).sum()
+            };
+            assert_eq!((least.knots[0], least.knots[5], least.length), (root.knots[0], root.knots[5], root.length));
+            assert!((least.heading_change(least.length) - root.heading_change(root.length)).abs() < 1e-12);
+            assert!((mean(&least) - mean(&root)).abs() < 1e-12);
+            assert!(least.bending_energy() <= root.bending_energy());
+            // nothing is left to gain, and every curvature that was changed by such polynomials has the same least
+            let again = unbent(least);
+            assert!(least.knots.iter().zip(again.knots).all(|(a, b)| (a - b).abs() < 1e-14));
+        }
+        let cubic = Spiral { knots: [0.1, -0.2, 0.3, 0.0], length: 20.0 };
+        assert_eq!(unbent(cubic), cubic, "a cubic has no such freedom");
     }
 
     #[test]

@@ -355,6 +355,17 @@ proptest! {
     }
 }
 
+/// An angle of so many turns has lost its digits: what is solved and what is reported must be about the same one.
+#[test]
+fn a_heading_of_any_number_of_turns_means_one_heading() {
+    for yaw in [-5.1007932530573505e106, 1e17, -2.0e8, 0.3 + 400.0 * std::f64::consts::TAU] {
+        let problem = Problem { across: EndCondition::Free, ..Problem::pinned(0.0, Pose::new(5.8, 0.0, yaw), 0.0) };
+        for solution in [problem.cubic().residual, problem.quintic().residual] {
+            assert!(solution.is_nan() || solution <= 1e-9, "{yaw} {solution:e}");
+        }
+    }
+}
+
 #[test]
 fn the_same_problem_has_the_same_bits() {
     let mut dice = Dice(3);

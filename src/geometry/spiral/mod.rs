@@ -58,7 +58,7 @@ pub struct PathPoint {
 /// error growing as turning⁴.
 const TURN_OF_ONE_PANEL: f64 = 0.4;
 /// Turning (rad) for each further panel, from the second on: errors below 1e-9 m on 60 m, by the tests below.
-const TURN_PER_PANEL: f64 = 2.5;
+const TURN_PER_PANEL: f64 = 2.2;
 /// The same for a quintic, which varies faster than its bound tells.
 const TURN_PER_PANEL_OF_A_QUINTIC: f64 = 1.25;
 /// A step of a sweep as short as this against the spiral, and turning as little as this (rad), needs three points only.
