@@ -158,6 +158,7 @@ impl Stages {
             reference: &self.reference,
             world: &self.world,
             max_curvature: self.vehicle.max_curvature(),
+            full_speed_curvature: self.vehicle.comfort.lateral_acceleration / (SPEED * SPEED),
             half_width: 0.5 * self.vehicle.width,
         }
     }

@@ -98,7 +98,9 @@ impl Scene {
         let reference = ReferenceLine::new(&scenario.network, &[1], vehicle.width, &ReferenceSettings::default());
         let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
         let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
-        test(&Ground { reference: &reference.unwrap(), world: &world, max_curvature, half_width })
+        // 11 m/s at the car's comfort
+        let full_speed_curvature = 3.0 / 121.0;
+        test(&Ground { reference: &reference.unwrap(), world: &world, max_curvature, full_speed_curvature, half_width })
     }
 
     /// The path that the lattice would have through nodes.
@@ -188,15 +190,19 @@ fn cost_and_bending_energy_go_down_and_the_ends_stay() {
 #[test]
 fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
     Scene::slalom().with_ground(|ground| {
+        // 20 m/s at the car's comfort: too fast for the slalom
+        let ground = &Ground { full_speed_curvature: 3.0 / 400.0, ..*ground };
         let path = Scene::slalom().path(ground, &SLALOM);
         let better = refine(ground, &path, &RefinementSettings::default()).unwrap();
         let weights = Weights::default();
         let mut sum = CostTerms { missing: 5.0, ..CostTerms::default() };
         for (_, start, spiral) in better.path.pieces() {
             let ends = [*start, spiral.end(start)].map(|p| ground.reference.project(p.position).s);
-            let least = least_terms(ground, start, spiral, ends.into(), &weights);
+            let (least, bends) = least_terms(ground, start, spiral, ends.into(), &weights);
             sum = sum.plus(&checked(ground, (start, spiral), &least, &Before::NOTHING, &weights).terms);
+            sum.slowing += weights.slowing * bends.slowing(spiral.length, ground.full_speed_curvature);
         }
+        assert!(sum.slowing > 0.0, "the slalom must be too sharp somewhere");
         assert!((sum.total() - better.terms.total()).abs() < 1e-9, "{sum:?} {:?}", better.terms);
     });
 }
