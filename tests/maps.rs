@@ -249,7 +249,13 @@ fn the_rig_touches_what_a_blind_plan_runs_into_and_only_that() {
 /// Refinement is not for the looks: the vehicle turns the wheel less, and every refined plan carries its own proof.
 #[test]
 fn refined_plans_are_proven_and_what_is_driven_bends_less() {
-    let scenario = bundled("parked_car");
+    for story in ["slalom", "parked_car"] {
+        refinement_bends_less_on(story);
+    }
+}
+
+fn refinement_bends_less_on(story: &str) {
+    let scenario = bundled(story);
     let with = |enabled| {
         let mut settings = Settings::default();
         settings.planner.refinement.enabled = enabled;
@@ -259,7 +265,7 @@ fn refined_plans_are_proven_and_what_is_driven_bends_less() {
     assert!(plain.cycles.iter().all(|c| !c.is_refined));
     let of_new_plans = |c: &&Cycle| matches!(c.decision, Decision::NewPlan { .. });
     let count = refined.cycles.iter().filter(|c| c.is_refined).filter(of_new_plans).count();
-    assert!(count > 10, "only {count} cycles are refined");
+    assert!(count > 10, "{story}: only {count} cycles are refined");
     for cycle in refined.cycles.iter().filter(|c| c.is_refined) {
         assert_ne!(cycle.decision, Decision::Unproven);
         assert!(cycle.committed.profile.ends_at_rest());
@@ -273,6 +279,6 @@ fn refined_plans_are_proven_and_what_is_driven_bends_less() {
         samples.map(|w| curvature(&w[0]).powi(2) * (w[1].pose.position - w[0].pose.position).norm()).sum::<f64>()
     };
     let (less, more) = (bending(&refined), bending(&plain));
-    println!("{count} cycles refined; driven: {less:.4} 1/m where it was {more:.4}");
-    assert!(less < 0.9 * more, "{less} {more}");
+    println!("{story}: {count} cycles refined; driven: {less:.4} 1/m where it was {more:.4}");
+    assert!(less < 0.9 * more, "{story}: {less} {more}");
 }
