@@ -1,6 +1,5 @@
 //! A job: what was typed, resolved and checked. Once it exists, only the program itself can fail.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
@@ -112,11 +111,9 @@ fn settings(file: &Path) -> Result<Settings, Failure> {
     /// Largest settings file, bytes.
     const MAX_BYTES: u64 = 1 << 20;
     let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {}", file.display(), e.to_string().trim_end()));
-    let mut text = String::new();
-    std::fs::File::open(file)
-        .and_then(|f| f.take(MAX_BYTES).read_to_string(&mut text))
-        .map_err(|e| error(&format_args!("cannot be read: {e}")))?;
-    let settings: Settings = toml::from_str(&text).map_err(|e| error(&e))?;
+    let bytes = files::read(file, MAX_BYTES).map_err(Failure::file)?;
+    let text = std::str::from_utf8(&bytes).map_err(|e| error(&format_args!("not UTF-8 text: {e}")))?;
+    let settings: Settings = toml::from_str(text).map_err(|e| error(&e))?;
     settings.validate().map_err(|e| error(&e))?;
     Ok(settings)
 }

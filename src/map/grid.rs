@@ -39,7 +39,7 @@ pub enum GridError {
     #[error("the origin is not finite")]
     Origin,
     /// More or fewer cells than width times height, or none.
-    #[error("{cells} cells for a width of {width} and a height of {height}")]
+    #[error("{cells} cells for a width of {width} and a height of {height}, expected their product, at least 1")]
     Size {
         /// Cells given.
         cells: usize,
