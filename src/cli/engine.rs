@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::job::{Job, Kind};
 use super::{Failure, json, say};
+use crate::bench::quantile;
 use crate::drive::{self, Outcome, Run};
 use crate::io::{csv, files, solution};
 use crate::lattice::EdgeCounts;
@@ -139,14 +140,6 @@ fn planning(run: &Run) -> Planning {
     }
 }
 
-/// The smallest value that a share of all does not exceed (nearest rank); 0 of nothing.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    // a share of a count
-    let rank = (share * sorted.len() as f64).ceil() as usize;
-    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
-}
-
 /// What was driven; for a plan, what is planned, as if it were driven exactly.
 pub(super) fn driven(kind: Kind, run: &Run) -> Log {
     match kind {
@@ -229,16 +222,4 @@ fn record(run: &Run, path: &Path) {
 #[cfg(not(feature = "rerun"))]
 fn record(_: &Run, path: &Path) {
     say(&format!("warning: {}: not written: no recordings in this build", path.display()));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_nearest_ranks() {
-        let times: Vec<f64> = (1..=200).map(f64::from).collect();
-        assert_eq!((quantile(&times, 0.5), quantile(&times, 0.99), quantile(&times, 1.0)), (100.0, 198.0, 200.0));
-        assert_eq!((quantile(&[7.0], 0.5), quantile(&[7.0], 0.99), quantile(&[], 0.5)), (7.0, 7.0, 0.0));
-    }
 }
