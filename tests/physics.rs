@@ -1,5 +1,6 @@
 //! The physics rig against closed forms, its own mirror image, and trajectories to track.
 
+use stopline::fixtures::{self, knot, obstacle};
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector};
 use stopline::map::{Motion, Obstacle, ObstacleKind, Part, Shape, TimedOccupancy, TimedPose};
@@ -16,12 +17,12 @@ fn start(pose: Pose, speed: f64) -> State {
 }
 
 fn straight(length: f64) -> Path {
-    Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral { knots: [0.0; 4], length }]).unwrap()
+    fixtures::straight(Pose::new(0.0, 0.0, 0.0), length)
 }
 
 /// A profile of pieces (duration s, acceleration m/s², jerk m/s³), from a speed; ends at rest if it comes near it.
 fn profile(speed: f64, pieces: &[(f64, f64, f64)]) -> SpeedProfile {
-    let mut knot = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
+    let mut knot = knot(0.0, 0.0, speed, 0.0);
     let mut knots = Vec::new();
     for &(t, acceleration, jerk) in pieces.iter().filter(|p| p.0 > 1e-9) {
         knots.push(SpeedKnot { acceleration, jerk, ..knot });
@@ -370,12 +371,7 @@ fn crossing(id: i64, at: Point, velocity: Vector, when: f64) -> Obstacle {
 }
 
 fn parked(id: i64, x: f64, y: f64) -> Obstacle {
-    Obstacle {
-        id,
-        kind: ObstacleKind::ParkedVehicle,
-        shape: Shape::rectangle(4.0, 2.0),
-        motion: Motion::Static(Pose::new(x, y, 0.0)),
-    }
+    fixtures::parked(id, Pose::new(x, y, 0.0), 4.0, 2.0)
 }
 
 fn along_x(speed: f64) -> Trajectory {
@@ -439,14 +435,12 @@ fn a_standing_car_is_hit_from_behind_and_from_the_side_and_by_a_fast_one() {
 #[test]
 fn regions_count_only_during_their_interval_and_obstacles_only_while_they_exist() {
     let v = bmw();
-    let region = |from: f64, to: f64| Obstacle {
-        id: 8,
-        kind: ObstacleKind::Unknown,
-        shape: Shape::rectangle(1.0, 1.0),
-        motion: Motion::Occupancy(vec![
+    let region = |from: f64, to: f64| {
+        let sets = vec![
             TimedOccupancy { from, to, region: wall(50.0) },
             TimedOccupancy { from: to, to: to + 0.1, region: wall(500.0) },
-        ]),
+        ];
+        obstacle(8, Shape::rectangle(1.0, 1.0), Motion::Occupancy(sets))
     };
     for (from, to, hit) in [(0.0, 3.0, None), (4.0, 9.0, Some(4.532)), (5.0, 5.05, Some(5.0)), (6.0, 7.0, None)] {
         let log = drive(
