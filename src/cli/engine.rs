@@ -1,12 +1,11 @@
 //! Runs a job: the only file of the command line that knows planner, physics, verdict and pictures.
 
-use std::io::IsTerminal as _;
 use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::job::{Job, Kind};
-use super::{Failure, json, say};
+use super::{Failure, json, progress, say};
 use crate::bench::quantile;
 use crate::drive::{self, Outcome, Run};
 use crate::io::{csv, files, solution};
@@ -64,7 +63,7 @@ pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
         pool = pool.num_threads(usize::from(threads));
     }
     let pool = pool.build().map_err(|e| Failure::Fault(format!("no threads: {e}")))?;
-    let bar = progress_bar(job);
+    let bar = progress::bar(job.kind == Kind::Drive && !job.quiet);
     let (scenario, problem, vehicle, settings) = (&job.scenario, job.problem(), &job.vehicle, &job.settings);
     let run = pool.install(|| match job.kind {
         Kind::Plan => drive::plan(scenario, problem, vehicle, settings),
@@ -72,18 +71,6 @@ pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
     });
     bar.finish_and_clear();
     run.map_err(Failure::file)
-}
-
-/// A bar on stderr, drawn only on a terminal.
-fn progress_bar(job: &Job) -> ProgressBar {
-    if job.quiet || job.kind == Kind::Plan || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 fn show(bar: &ProgressBar, time: f64, end: f64) {
