@@ -62,7 +62,9 @@ impl Job {
         };
         outputs.check(&inputs)?;
         let mut scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
-        scenario.occupancy = args.grid.as_deref().map(ros_map::read_file).transpose().map_err(Failure::file)?;
+        if let Some(file) = &args.grid {
+            scenario.overlay(ros_map::read_file(file).map_err(Failure::file)?, &file.display().to_string());
+        }
         let problem = choose(&scenario, args.problem, &args.scenario)?;
         let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
