@@ -12,7 +12,7 @@ use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
 use stopline::map::{ConvexPart, Lanelet, Motion, Obstacle, Scenario, Shape, TimedPose};
-use stopline::simulation::{self, Contact, Log, World};
+use stopline::simulation::{self, Contact, Log, Touched, World};
 use stopline::trajectory::{Path, SpeedProfile, Trajectory};
 use stopline::vehicle::{Footprint, State, Vehicle, load};
 
@@ -400,7 +400,7 @@ fn the_rig_passes_between_the_parts_and_touches_with_each_of_them() {
     assert_eq!(driven_straight(&v, &[post(15.0, 0.38)], 5.0).0, None);
     for y in [0.42, 0.75, -0.75] {
         let contact = driven_straight(&v, &[post(15.0, y)], 5.0).0.expect("no contact with a post in the way");
-        assert_eq!(contact.obstacle, 3);
+        assert_eq!(contact.with, Touched::Obstacle(3));
         assert!((contact.time - (14.9 - 3.6) / 5.0).abs() < 0.01, "{contact:?}");
         let at = contact.at_rear_axle_frame;
         assert!((at.x - 3.6).abs() < 0.03 && (at.y - y).abs() < 0.12, "{contact:?}");
