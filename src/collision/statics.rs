@@ -235,3 +235,33 @@ fn occupied(
     };
     grid.blocks_within(&part, wanted).into_iter().filter_map(piece).filter(is_near).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{network, road, scenario, straight_lanelet};
+    use crate::geometry::{Point, Pose};
+    use crate::map::OccupancyGrid;
+
+    /// Middles of the cells that are kept, of one row of cells across the road, every 10 m.
+    fn kept(road: crate::map::RoadNetwork) -> Vec<f64> {
+        let mut cells = vec![Cell::Free; 1000];
+        cells.iter_mut().step_by(10).for_each(|cell| *cell = Cell::Occupied);
+        let mut scenario = scenario(road, vec![]);
+        let origin = Pose::new(50.0, -500.0, 0.0);
+        scenario.occupancy = Some(OccupancyGrid::new(origin, 1.0, 1, 1000, cells).unwrap());
+        let at = Origin::amid(&[Point::origin()]);
+        let world = StaticWorld::new(&scenario, at, &CollisionSettings::default(), 3.0);
+        world.pieces.iter().map(|piece| piece.aabb().center().y).collect()
+    }
+
+    #[test]
+    fn cells_on_and_beside_the_road_are_kept_and_those_that_nothing_can_reach_are_not() {
+        // within 26 m of a road from −2 to 2 m
+        assert_eq!(kept(road(4.0, 100.0)), [-19.5, -9.5, 0.5, 10.5, 20.5]);
+        // in the middle of a wide one, far from its edge
+        let wide = kept(network([straight_lanelet(1, (-200.0, 200.0), -200.0, 200.0)]));
+        assert_eq!((wide.len(), wide[0], wide[wide.len() - 1]), (45, -219.5, 220.5));
+        assert_eq!(kept(crate::map::RoadNetwork::default()).len(), 100, "no road: all of them");
+    }
+}
