@@ -5,10 +5,11 @@ mod common;
 
 use common::VEHICLE;
 use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld};
+use stopline::fixtures;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
 use stopline::lattice::{EdgeStore, Found, Ground, LatticePath, Root, Settings, search};
-use stopline::map::{Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use stopline::map::{Lanelet, Motion, Neighbour, Obstacle};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 
 /// Length of the roads, m.
@@ -18,27 +19,12 @@ const CAR: (f64, f64) = (4.5, 1.8);
 
 /// A straight lanelet along x between two lateral positions, m.
 fn lanelet(id: i64, right: f64, left: f64) -> Lanelet {
-    let line = |y: f64| Polyline::new((0..=16).map(|i| Point::new(0.1 * LENGTH * f64::from(i), y))).unwrap();
-    Lanelet {
-        id,
-        left: line(left),
-        right: line(right),
-        centre: line(f64::midpoint(left, right)),
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec![],
-    }
+    let bound = |y: f64| Polyline::new((0..=16).map(|i| Point::new(0.1 * LENGTH * f64::from(i), y))).unwrap();
+    fixtures::lanelet(id, bound(right), bound(left))
 }
 
 fn parked(id: i64, x: f64, y: f64, (length, width): (f64, f64)) -> Obstacle {
-    let motion = Motion::Static(Pose::new(x, y, 0.0));
-    Obstacle { id, kind: ObstacleKind::ParkedVehicle, shape: Shape::rectangle(length, width), motion }
+    fixtures::parked(id, Pose::new(x, y, 0.0), length, width)
 }
 
 /// What the lattice finds on lanelet 1, from a rear-axle pose at a speed.
@@ -54,17 +40,7 @@ fn found_as_if(
     (speed, driven): (f64, f64),
     horizon: f64,
 ) -> Found {
-    let network = RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() };
-    let scenario = Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network,
-        obstacles: obstacles.to_vec(),
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    };
+    let scenario = fixtures::scenario(fixtures::network(lanelets), obstacles.to_vec());
     let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
     let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0).unwrap();
     let (max_curvature, half_width) = (VEHICLE.max_curvature(), 0.5 * VEHICLE.width);

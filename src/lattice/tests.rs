@@ -6,11 +6,11 @@ use std::sync::Arc;
 use super::edges::{Before, Edge};
 use super::*;
 use crate::collision::CollisionSettings;
+use crate::fixtures::{self, lanelet, network, two_lane_road};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::{Point, Vector};
-use crate::map::{Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use crate::map::{Lanelet, Obstacle};
 use crate::reference::ReferenceSettings;
-use crate::route::tests::{lanelet, two_lane_road};
 use proptest::prelude::*;
 
 /// A straight reference line along x.
@@ -38,8 +38,7 @@ fn lane(centre: Vec<Point>) -> ReferenceLine {
         }))
         .unwrap()
     };
-    let mut network = RoadNetwork::default();
-    network.lanelets.insert(1, lanelet(1, side(1.75), side(-1.75), middle));
+    let network = network([Lanelet { centre: middle, ..lanelet(1, side(-1.75), side(1.75)) }]);
     ReferenceLine::new(&network, &[1], 1.61, &ReferenceSettings::default()).unwrap()
 }
 
@@ -49,22 +48,12 @@ fn car(id: i64, x: f64, y: f64) -> Obstacle {
 }
 
 fn standing(id: i64, pose: Pose, length: f64, width: f64) -> Obstacle {
-    let (kind, shape) = (ObstacleKind::ParkedVehicle, Shape::rectangle(length, width));
-    Obstacle { id, kind, shape, motion: Motion::Static(pose) }
+    fixtures::parked(id, pose, length, width)
 }
 
 /// 100 m of two lanes, the reference line in the middle of the right one (y = 0).
 fn with_ground(obstacles: Vec<Obstacle>, test: impl FnOnce(&Ground<'_>)) {
-    let scenario = Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: two_lane_road(2),
-        obstacles,
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    };
+    let scenario = fixtures::scenario(two_lane_road(2), obstacles);
     let vehicle = crate::vehicle::load("bmw_320i").unwrap();
     let reference =
         ReferenceLine::new(&scenario.network, &[100, 101], vehicle.width, &ReferenceSettings::default()).unwrap();

@@ -104,16 +104,13 @@ impl<'a> InForce<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trajectory::{SpeedKnot, SpeedProfile};
-
-    fn knot(time: f64, station: f64, speed: f64) -> SpeedKnot {
-        SpeedKnot { time, station, speed, acceleration: 0.0, jerk: 0.0 }
-    }
+    use crate::fixtures::{knot, straight};
+    use crate::trajectory::SpeedProfile;
 
     /// Straight on along x in pieces of 20 m, to rest at 60 m.
     fn plan() -> Trajectory {
         let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral::straight(20.0); 4]).unwrap();
-        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 10.0), knot(6.0, 60.0, 0.0)]).unwrap();
+        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 10.0, 0.0), knot(6.0, 60.0, 0.0, 0.0)]).unwrap();
         Trajectory { start_time: 0.0, path, profile }
     }
 
@@ -122,7 +119,7 @@ mod tests {
     }
 
     fn straight_from(x: f64, y: f64, yaw: f64) -> Path {
-        Path::new(Pose::new(x, y, yaw), &[CubicSpiral::straight(60.0)]).unwrap()
+        straight(Pose::new(x, y, yaw), 60.0)
     }
 
     #[test]
@@ -183,7 +180,7 @@ mod tests {
     #[test]
     fn costs_that_waver_by_less_than_twice_the_price_never_change_the_plan() {
         let (a, b) = (straight_from(0.0, 0.0, 0.0), straight_from(0.0, 0.0, 0.02));
-        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 1.0), knot(1.0, 50.0, 0.0)]).unwrap();
+        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 1.0, 0.0), knot(1.0, 50.0, 0.0, 0.0)]).unwrap();
         let switches = |waver: f64, price: f64| {
             let mut in_force = &a;
             let mut count = 0;

@@ -244,11 +244,21 @@ pub struct Check {
 /// Solves, times and judges.
 #[must_use]
 pub fn compare(settings: &Settings) -> Comparison {
+    compare_watched(settings, &mut |_, _, _| {})
+}
+
+/// [`compare`]; `watch` hears which method is at work, and how many of all problems of all methods are done.
+#[must_use]
+pub fn compare_watched(settings: &Settings, watch: &mut dyn FnMut(Method, usize, usize)) -> Comparison {
     let problems = lattice_problems(settings.seed, settings.problems);
     let mut rows = Vec::new();
     let mut judged: Vec<Vec<Option<Judged>>> = Vec::new();
-    for method in Method::ALL {
-        let (asked, answers, time) = measured(method, &problems);
+    let all = problems.len() * Method::ALL.len();
+    for (i, method) in Method::ALL.into_iter().enumerate() {
+        let mut done = |n| watch(method, i * problems.len() + n, all);
+        let (asked, answers, time) = measured(method, &problems, &mut done);
+        // those that the method is not for are done, too
+        done(problems.len());
         let reference = judged.first().unwrap_or(&answers);
         let unsolved = problems.par_iter().zip(&answers).filter(|(p, answer)| method.is_for(p) && answer.is_none());
         let impossible = unsolved.filter(|(p, _)| method.proves_impossible(p)).count();
@@ -259,9 +269,13 @@ pub fn compare(settings: &Settings) -> Comparison {
 }
 
 /// How many problems a method was asked, what its answers are worth, and what it took. Timed alone, judged in parallel.
-fn measured(method: Method, problems: &[LatticeProblem]) -> (usize, Vec<Option<Judged>>, Times) {
+fn measured(
+    method: Method,
+    problems: &[LatticeProblem],
+    watch: &mut dyn FnMut(usize),
+) -> (usize, Vec<Option<Judged>>, Times) {
     let places: Vec<usize> = (0..problems.len()).filter(|i| method.is_for(&problems[*i])).collect();
-    let (answers, time) = timed(&places, |i| method.solve(&problems[*i]));
+    let (answers, time) = timed(&places, |i| method.solve(&problems[*i]), watch);
     let worth: Vec<Option<Judged>> =
         places.par_iter().zip(&answers).map(|(i, answer)| answer.map(|a| a.judged(&problems[*i]))).collect();
     let mut judged = vec![None; problems.len()];
@@ -352,6 +366,19 @@ mod tests {
         assert_eq!(timeless(&SMALL), timeless(&SMALL));
         let other = Settings { seed: 8, ..SMALL };
         assert_ne!(timeless(&SMALL).judged, timeless(&other).judged);
+    }
+
+    #[test]
+    fn who_watches_hears_of_every_method_and_only_forwards_up_to_the_end() {
+        let mut heard: Vec<(Method, usize, usize)> = Vec::new();
+        let _ = compare_watched(&Settings { seed: 7, problems: 5 }, &mut |m, done, all| heard.push((m, done, all)));
+        assert!(heard.windows(2).all(|w| w[0].1 <= w[1].1), "{heard:?}");
+        assert!(heard.iter().all(|h| h.2 == 5 * Method::ALL.len()));
+        assert_eq!(heard.last().map(|h| h.1), Some(5 * Method::ALL.len()));
+        for (i, method) in Method::ALL.into_iter().enumerate() {
+            let of_method: Vec<usize> = heard.iter().filter(|h| h.0 == method).map(|h| h.1).collect();
+            assert_eq!(of_method.last(), Some(&(5 * (i + 1))), "{method:?}");
+        }
     }
 
     #[test]

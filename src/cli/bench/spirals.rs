@@ -4,17 +4,24 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use crate::bench::spirals::{BOUND, Check, Comparison, Method, Row, SOFT, Settings, compare};
+use crate::bench::spirals::{BOUND, Check, Comparison, Method, Row, SOFT, Settings, compare_watched};
 use crate::cli::args::SpiralArgs;
 use crate::cli::job::Outputs;
-use crate::cli::{Exit, Failure, json as result, print, report};
+use crate::cli::{Exit, Failure, json as result, print, progress, report};
 use crate::io::files;
 
 /// Checks the outputs, measures, writes, reports.
 pub(super) fn run(args: SpiralArgs) -> Result<Exit, Failure> {
     let outputs = Outputs { json: args.json, csv: args.csv, svg: args.svg, ..Outputs::default() };
     outputs.check(&[])?;
-    let comparison = compare(&Settings { seed: args.seed, problems: args.problems as usize });
+    let settings = Settings { seed: args.seed, problems: args.problems as usize };
+    let bar = progress::bar(!args.quiet);
+    let comparison = compare_watched(&settings, &mut |method, done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        bar.set_message(method.label());
+    });
+    bar.finish_and_clear();
     let checks = comparison.checks();
     let value = to_json(&comparison, &checks);
     if let Some(path) = outputs.json.as_ref().filter(|_| !outputs.json_on_stdout()) {

@@ -1,10 +1,10 @@
 use super::*;
 use crate::collision::{CollisionSettings, CollisionWorld};
+use crate::fixtures;
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::connect;
-use crate::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use crate::map::{Lanelet, RoadNetwork, Scenario};
 use crate::reference::{ReferenceLine, ReferenceSettings};
-use std::collections::BTreeMap;
 
 /// One wide lane along an arc, and parked cars on it.
 struct Scene {
@@ -55,41 +55,13 @@ impl Scene {
         const HALF_WIDTH: f64 = 4.5;
         let line =
             |l: f64| Polyline::new((0..=160).map(|i| self.at(f64::from(i) - 20.0, self.side * l).position)).unwrap();
-        let lanelet = Lanelet {
-            id: 1,
-            left: line(HALF_WIDTH),
-            right: line(-HALF_WIDTH),
-            centre: line(0.0),
-            successors: vec![],
-            predecessors: vec![],
-            adjacent_left: None,
-            adjacent_right: None,
-            speed_limit: None,
-            stop_line: None,
-            signs: vec![],
-            lights: vec![],
-            types: vec![],
-        };
-        RoadNetwork { lanelets: BTreeMap::from([(1, lanelet)]), ..RoadNetwork::default() }
+        let bounded = fixtures::lanelet(1, line(-HALF_WIDTH), line(HALF_WIDTH));
+        fixtures::network([Lanelet { centre: line(0.0), ..bounded }])
     }
 
     fn scenario(&self) -> Scenario {
-        let car = |(id, &(s, l)): (i64, &(f64, f64))| Obstacle {
-            id,
-            kind: ObstacleKind::ParkedVehicle,
-            shape: Shape::rectangle(4.5, 1.8),
-            motion: Motion::Static(self.at(s, l)),
-        };
-        Scenario {
-            id: "test".into(),
-            version: "2020a".into(),
-            time_step: 0.1,
-            network: self.network(),
-            obstacles: (10..).zip(&self.cars).map(car).collect(),
-            occupancy: None,
-            problems: vec![],
-            issues: vec![],
-        }
+        let car = |(id, &(s, l)): (i64, &(f64, f64))| fixtures::parked(id, self.at(s, l), 4.5, 1.8);
+        fixtures::scenario(self.network(), (10..).zip(&self.cars).map(car).collect())
     }
 
     fn with_ground<T>(&self, test: impl FnOnce(&Ground<'_>) -> T) -> T {
