@@ -9,11 +9,11 @@ mod edge_rate;
 
 use divan::{Bencher, black_box};
 use stopline::collision::{CollisionSettings, CollisionWorld};
+use stopline::fixtures::{driving, lanelet, network, parked, scenario, vehicle};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
-use stopline::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape, TimedPose};
-use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
+use stopline::map::Lanelet;
 
 fn main() {
     let filters: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
@@ -26,7 +26,7 @@ fn main() {
 }
 
 /// A winding road of two lanes, 220 m, bound points every 2 m; it runs at 45°, so that boxes around it are poor.
-pub(crate) fn road() -> Vec<Lanelet> {
+fn road() -> Vec<Lanelet> {
     let centre: Vec<Pose> = (0..=110)
         .map(|i| {
             let s = 2.0 * f64::from(i) - 20.0;
@@ -37,7 +37,7 @@ pub(crate) fn road() -> Vec<Lanelet> {
     let bound = |l: f64| Polyline::new(centre.iter().map(|p| p.position + p.left() * l)).unwrap();
     [(1, 1.75, -1.75), (2, 5.25, 1.75)]
         .into_iter()
-        .map(|(id, left, right)| lanelet(id, bound(left), bound(right)))
+        .map(|(id, left, right)| lanelet(id, bound(right), bound(left)))
         .collect()
 }
 
@@ -47,37 +47,17 @@ fn start() -> Pose {
 
 /// `moving` cars around the path, at speeds of 0 to 12 m/s in both directions, and a parked one every 40 m beside it.
 fn world(moving: usize) -> CollisionWorld {
-    let shape = Shape::rectangle(4.5, 1.8);
     let beside = |s: f64, l: f64, turn: f64| {
         let p = start().advanced(s);
         Pose { position: p.position + p.left() * l, yaw: p.yaw + turn }
     };
-    let parked = (0..5).map(|i| (i, Motion::Static(beside(40.0 * i as f64, -4.5, 0.0))));
+    let parked = (0..5).map(|i| parked(i, beside(40.0 * i as f64, -4.5, 0.0), 4.5, 1.8));
     let driven = (0..moving as i64).map(|i| {
         let (way, speed) = ((i * 37 % 140) as f64 - 20.0, (i % 7) as f64 * 2.0);
         let from = if i % 2 == 0 { beside(way, 0.0, 0.0) } else { beside(way, 4.5, std::f64::consts::PI) };
-        let states = (0..80).map(|k| {
-            let t = 0.1 * f64::from(k);
-            TimedPose { time: t, pose: from.advanced(speed * t), speed }
-        });
-        (100 + i, Motion::Trajectory(states.collect()))
+        driving(100 + i, from, speed, 7.9)
     });
-    let obstacles = parked.chain(driven).map(|(id, motion)| Obstacle {
-        id,
-        kind: ObstacleKind::Vehicle,
-        shape: shape.clone(),
-        motion,
-    });
-    let scenario = Scenario {
-        id: "bench".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: RoadNetwork { lanelets: road().into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
-        obstacles: obstacles.collect(),
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    };
+    let scenario = scenario(network(road()), parked.chain(driven).collect());
     CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 10.0).unwrap()
 }
 
@@ -133,74 +113,4 @@ fn is_blocked(bencher: Bencher) {
 #[divan::bench]
 fn world_of_30_obstacles(bencher: Bencher) {
     bencher.bench_local(|| world(black_box(30)));
-}
-
-fn lanelet(id: i64, left: Polyline, right: Polyline) -> Lanelet {
-    Lanelet {
-        id,
-        centre: left.clone(),
-        left,
-        right,
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec![],
-    }
-}
-
-/// The published dimensions of the BMW 320i; the rest does not matter here.
-pub(crate) fn vehicle() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
-        length: 4.508,
-        width: 1.61,
-        wheelbase: 2.5789,
-        rear_axle_to_centre: 1.4227,
-        rear_axle_to_mass: 1.4227,
-        mass_height: 0.5,
-        track_width: 1.5,
-        mass: 1093.0,
-        yaw_inertia: 1791.0,
-        wheel_radius: 0.3,
-        wheel_inertia: 1.0,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 20.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.3,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0,
-            cornering_front: 20.0,
-            cornering_rear: 20.0,
-            longitudinal: 20.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.01,
-            drag: 0.4,
-        },
-        actuators: Actuators {
-            drive_lag: 0.2,
-            brake_lag: 0.1,
-            steering_lag: 0.1,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 2.0,
-            deceleration: 2.0,
-            aggressive_deceleration: 6.0,
-            lateral_acceleration: 3.0,
-            jerk: 3.0,
-        },
-    }
 }

@@ -4,22 +4,20 @@
 //! `first_cycle` builds the kept edges, `steady_cycle` is one of the later ones of a run in which the vehicle follows its
 //! plan exactly. One thread unless `RAYON_NUM_THREADS` says otherwise.
 
-use std::collections::BTreeMap;
-
 use divan::{Bencher, black_box};
 use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
+use stopline::fixtures::{self, lanelet};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::lattice::refine::{Commitment, RefinementSettings, refined};
 use stopline::lattice::{EdgeStore, Ground, LatticePath, Root, paths};
 use stopline::map::{
-    Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem,
-    RoadNetwork, Scenario, Shape, TimedPose,
+    Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem, RoadNetwork, Scenario, Shape, TimedPose,
 };
 use stopline::planner::{Cycle, Decision, Planner, Settings};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search, smoothing};
-use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, State, Tyres, Vehicle};
+use stopline::vehicle::{Comfort, State, Vehicle};
 
 fn main() {
     // one thread, so that figures mean the same on every machine
@@ -62,26 +60,18 @@ fn on_road(s: f64, l: f64) -> Pose {
 fn network() -> RoadNetwork {
     let line = |l: f64| Polyline::new(middle().iter().map(|p| p.position + p.left() * l)).unwrap();
     let neighbour = |id: i64| LANES.contains(&id).then_some(Neighbour { id, same_direction: true });
-    let lanelet = |id: i64| {
+    let lane = |id: i64| {
         let centre = (id - OWN) as f64 * LANE_WIDTH;
         Lanelet {
-            id,
-            left: line(centre + 0.5 * LANE_WIDTH),
-            right: line(centre - 0.5 * LANE_WIDTH),
             centre: line(centre),
-            successors: vec![],
-            predecessors: vec![],
             adjacent_left: neighbour(id + 1),
             adjacent_right: neighbour(id - 1),
             speed_limit: Some(15.0),
-            stop_line: None,
-            signs: vec![],
-            lights: vec![],
             types: vec!["urban".into()],
+            ..lanelet(id, line(centre - 0.5 * LANE_WIDTH), line(centre + 0.5 * LANE_WIDTH))
         }
     };
-    let lanelets: BTreeMap<i64, Lanelet> = LANES.iter().map(|id| (*id, lanelet(*id))).collect();
-    RoadNetwork { lanelets, ..RoadNetwork::default() }
+    fixtures::network(LANES.map(lane))
 }
 
 /// 30 cars on the 100 m around and ahead of the vehicle, ten on each lane in a column, 7 to 11 m/s; one parked.
@@ -100,34 +90,13 @@ fn scenario() -> Scenario {
     });
     let parked = std::iter::once((1, Motion::Static(on_road(150.0, 1.7 * LANE_WIDTH))));
     let obstacle = |(id, motion)| Obstacle { id, kind: ObstacleKind::Vehicle, shape: shape.clone(), motion };
-    Scenario {
-        id: "bench".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: network(),
-        obstacles: driven.chain(parked).map(obstacle).collect(),
-        occupancy: None,
-        problems: vec![problem()],
-        issues: vec![],
-    }
+    let obstacles = driven.chain(parked).map(obstacle).collect();
+    Scenario { problems: vec![problem()], ..fixtures::scenario(network(), obstacles) }
 }
 
 fn problem() -> PlanningProblem {
-    let goal = Goal {
-        position: Some(GoalPosition::Shapes(Shape {
-            parts: vec![stopline::map::Part::Rectangle {
-                centre: on_road(300.0, 0.0),
-                length: 20.0,
-                width: LANE_WIDTH,
-            }],
-        })),
-        time: Interval { min: 0.0, max: 60.0 },
-        speed: None,
-        yaw: None,
-    };
-    let initial =
-        InitialState { centre: on_road(40.0, 0.0), speed: SPEED, acceleration: 0.0, yaw_rate: 0.0, time_step: 0 };
-    PlanningProblem { id: 1, initial, goals: vec![goal] }
+    let goal = fixtures::goal(on_road(300.0, 0.0), 20.0, LANE_WIDTH, 60.0);
+    fixtures::problem(on_road(40.0, 0.0), SPEED, goal)
 }
 
 fn initial(vehicle: &Vehicle) -> State {
@@ -158,6 +127,7 @@ impl Stages {
             reference: &self.reference,
             world: &self.world,
             max_curvature: self.vehicle.max_curvature(),
+            full_speed_curvature: self.vehicle.comfort.lateral_acceleration / (SPEED * SPEED),
             half_width: 0.5 * self.vehicle.width,
         }
     }
@@ -322,54 +292,14 @@ fn after(cycle: &Cycle, interval: f64, vehicle: &Vehicle) -> State {
     }
 }
 
-/// The published dimensions of the BMW 320i, with the paper's comfort limits.
+/// A car with the paper's comfort limits.
 fn vehicle() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
-        length: 4.508,
-        width: 1.61,
-        wheelbase: 2.5789,
-        rear_axle_to_centre: 1.4227,
-        rear_axle_to_mass: 1.4227,
-        mass_height: 0.5,
-        track_width: 1.5,
-        mass: 1093.0,
-        yaw_inertia: 1791.0,
-        wheel_radius: 0.3,
-        wheel_inertia: 1.0,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 20.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.3,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0,
-            cornering_front: 20.0,
-            cornering_rear: 20.0,
-            longitudinal: 20.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.01,
-            drag: 0.4,
-        },
-        actuators: Actuators {
-            drive_lag: 0.2,
-            brake_lag: 0.1,
-            steering_lag: 0.1,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 1.5,
-            deceleration: 1.5,
-            aggressive_deceleration: 2.2,
-            lateral_acceleration: 1.8,
-            jerk: 2.0,
-        },
-    }
+    let comfort = Comfort {
+        acceleration: 1.5,
+        deceleration: 1.5,
+        aggressive_deceleration: 2.2,
+        lateral_acceleration: 1.8,
+        jerk: 2.0,
+    };
+    Vehicle { comfort, ..fixtures::vehicle() }
 }

@@ -2,9 +2,10 @@
 //! 100 × real time. Each bench checks first that the run it times is the one it means.
 
 use divan::Bencher;
+use stopline::fixtures::driving;
 use stopline::geometry::Pose;
 use stopline::geometry::spiral::CubicSpiral;
-use stopline::map::{Motion, Obstacle, ObstacleKind, Shape, TimedPose};
+use stopline::map::Obstacle;
 use stopline::simulation::{Log, Settings, World};
 use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 use stopline::vehicle::{self, State};
@@ -19,16 +20,7 @@ fn traffic(count: usize) -> Vec<Obstacle> {
         .map(|i| {
             let (x, y, speed) =
                 (10.0 * (i as f64 / 2.0 - 4.0), if i % 2 == 0 { 4.0 } else { -4.0 }, 12.0 / (1 + i % 2) as f64);
-            let state = |k: usize| {
-                let time = 0.1 * k as f64;
-                TimedPose { time, pose: Pose::new(x + speed * time, y, 0.0), speed }
-            };
-            Obstacle {
-                id: i as i64,
-                kind: ObstacleKind::Vehicle,
-                shape: Shape::rectangle(4.5, 1.8),
-                motion: Motion::Trajectory((0..=100).map(state).collect()),
-            }
+            driving(i as i64, Pose::new(x, y, 0.0), speed, 10.0)
         })
         .collect()
 }

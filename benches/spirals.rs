@@ -7,12 +7,12 @@
 use std::time::{Duration, Instant};
 
 use divan::{Bencher, black_box};
+use stopline::bench::problems::{COUNT, SEED, lattice_problems};
 use stopline::geometry::Pose;
 use stopline::geometry::boundary::{EndCondition, Problem, Solution};
 use stopline::geometry::spiral::{CubicSpiral, connect};
 use stopline::geometry::spiral_opt::connect_bounded;
 
-const PROBLEMS: usize = 2000;
 /// A bound that bites in about a sixth of the problems, 1/m.
 const BOUND: f64 = 0.12;
 /// A bound of the curvature's rate that bites often, 1/m².
@@ -28,22 +28,9 @@ fn main() {
 /// A lattice problem: start curvature, end pose, end curvature.
 type Ends = (f64, Pose, f64);
 
-/// Reproducible problems (splitmix64).
 fn problems() -> Vec<Ends> {
-    let mut state = 7_u64;
-    let mut uniform = move |low: f64, high: f64| {
-        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        low + (high - low) * ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    };
-    (0..PROBLEMS)
-        .map(|_| {
-            let end = Pose::new(uniform(10.0, 40.0), uniform(-8.0, 8.0), uniform(-0.5, 0.5));
-            (uniform(-0.1, 0.1), end, uniform(-0.1, 0.1))
-        })
-        .collect()
+    let problems = lattice_problems(SEED, COUNT);
+    problems.into_iter().map(|p| (p.start_curvature, p.end, p.end_curvature)).collect()
 }
 
 /// Those in which the bound bites.

@@ -6,6 +6,7 @@ pub mod cli;
 pub mod collision;
 pub mod convex;
 pub mod drive;
+pub mod fixtures;
 pub mod geometry;
 pub mod io;
 pub mod lattice;

@@ -215,6 +215,9 @@ fn exit_3_is_a_vehicle_or_settings_that_cannot_be_read() {
         ("text.toml", "[planner]\ncruise_speed = \"fast\"\n", "line 2"),
         ("range.toml", "[run]\nreplan_interval = 0.0\n", "replan_interval"),
         ("nan.toml", "[planner]\ncruise_speed = nan\n", "cruise_speed"),
+        ("rig.toml", "[simulation]\nfriction_scale = 0.0\n", "simulation.friction_scale"),
+        ("near.toml", "[planner.collision]\nroad = -1.0\n", "planner.collision.road"),
+        ("straight.toml", "[planner.lattice]\nheadings = []\n", "planner.lattice.headings"),
     ];
     for (name, text, word) in settings {
         let name = place.file(name, text);
@@ -424,6 +427,24 @@ fn issues_of_the_file_are_told_on_stderr_and_in_the_json() {
     let result: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(result["issues"][0]["element"].as_str().unwrap().contains("weather"));
     assert!(result["issues"][0]["line"].as_u64().unwrap() > 0);
+}
+
+#[test]
+fn a_grid_beside_the_road_is_an_issue_and_one_on_it_is_none() {
+    let place = Place::new();
+    place.file("g.pgm", "P2 2 2 255 255 255 255 255");
+    for (y, issues) in [("900", 1), ("0", 0)] {
+        let yaml = format!(
+            "image: g.pgm\nresolution: 1\norigin: [20, {y}, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+        );
+        let name = place.file("g.yaml", yaml);
+        let output = place.run(&["plan", ROAD, "--grid", &name, "--json", "-"]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(result["issues"].as_array().unwrap().len(), issues, "y = {y}: {}", result["issues"]);
+        let told = stderr(&output);
+        assert_eq!(told.contains("occupancy grid g.yaml: lies beside the road"), issues == 1, "{told}");
+    }
 }
 
 /// The hash of a run of the road.

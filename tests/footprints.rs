@@ -7,14 +7,13 @@ use common::{bundled, failures, standing};
 use proptest::prelude::*;
 use stopline::collision::{Blocker, CollisionSettings, CollisionWorld, Margins};
 use stopline::drive::{self, Outcome, Run};
+use stopline::fixtures::{self, circle, knot, lanelet, line, network, obstacle, straight_lanelet};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
-use stopline::map::{
-    ConvexPart, Lanelet, Motion, Obstacle, ObstacleKind, Part, RoadNetwork, Scenario, Shape, TimedPose,
-};
-use stopline::simulation::{self, Contact, Log, World};
-use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
+use stopline::map::{ConvexPart, Lanelet, Motion, Obstacle, Scenario, Shape, TimedPose};
+use stopline::simulation::{self, Contact, Log, Touched, World};
+use stopline::trajectory::{Path, SpeedProfile, Trajectory};
 use stopline::vehicle::{Footprint, State, Vehicle, load};
 
 type Parts = Vec<Vec<Point>>;
@@ -62,60 +61,21 @@ fn spirals(tightest: f64, shortest: f64) -> impl Strategy<Value = CubicSpiral> {
 }
 
 fn shapes() -> impl Strategy<Value = Shape> {
-    prop_oneof![
-        (0.1..4.0f64, 0.1..2.0f64).prop_map(|(l, w)| Shape::rectangle(l, w)),
-        (0.05..1.5f64).prop_map(|radius| Shape { parts: vec![Part::Circle { centre: Point::new(0.0, 0.0), radius }] }),
-    ]
-}
-
-fn lanelet(id: i64, left: Polyline, right: Polyline) -> Lanelet {
-    Lanelet {
-        id,
-        centre: left.clone(),
-        left,
-        right,
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec![],
-    }
-}
-
-fn line(points: &[(f64, f64)]) -> Polyline {
-    Polyline::new(points.iter().map(|&(x, y)| Point::new(x, y))).unwrap()
+    prop_oneof![(0.1..4.0f64, 0.1..2.0f64).prop_map(|(l, w)| Shape::rectangle(l, w)), (0.05..1.5f64).prop_map(circle),]
 }
 
 /// Roads along x between offsets, from −200 to 200 m.
 fn roads(between: &[(f64, f64)]) -> Vec<Lanelet> {
-    let bound = |y: f64| line(&[(-200.0, y), (200.0, y)]);
-    (1..).zip(between).map(|(id, (right, left))| lanelet(id, bound(*left), bound(*right))).collect()
+    (1..).zip(between).map(|(id, (right, left))| straight_lanelet(id, (-200.0, 200.0), *right, *left)).collect()
 }
 
 fn scenario(lanelets: Vec<Lanelet>, obstacles: Vec<Obstacle>) -> Scenario {
-    Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
-        obstacles,
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    }
+    fixtures::scenario(network(lanelets), obstacles)
 }
 
 /// On a square of asphalt, 400 m wide.
 fn on_asphalt(obstacles: Vec<Obstacle>) -> Scenario {
     scenario(roads(&[(-200.0, 200.0)]), obstacles)
-}
-
-fn obstacle(id: i64, shape: Shape, motion: Motion) -> Obstacle {
-    Obstacle { id, kind: ObstacleKind::Unknown, shape, motion }
 }
 
 fn no_margins() -> CollisionSettings {
@@ -296,7 +256,7 @@ proptest! {
             .map(|(_, pose)| pose)
             .collect();
         let bound = |l: f64| Polyline::new(along.iter().map(|p| p.position + p.left() * l)).unwrap();
-        let world = world(&scenario(vec![lanelet(1, bound(2.0), bound(-2.0))], vec![]), &v, &no_margins());
+        let world = world(&scenario(vec![lanelet(1, bound(-2.0), bound(2.0))], vec![]), &v, &no_margins());
         let start = Pose { position: origin.position + origin.left() * aside, yaw: origin.yaw + yaw };
         let outline: Vec<Point> = bound(-2.0).points().iter().chain(bound(2.0).points().iter().rev()).copied().collect();
         let leaves = |pose: &Pose| placed(&v, pose).iter().any(|part| part.iter().any(|p| outside(&outline, *p)));
@@ -326,7 +286,7 @@ proptest! {
             let put = |pose: Pose| Pose { position: Point::new(pose.position.x, flip * pose.position.y) + shift, yaw: flip * pose.yaw };
             let parked = obstacle(1, Shape::rectangle(size.0, size.1), Motion::Static(put(Pose::new(x, y, turn))));
             let bound = |l: f64| line(&[(-200.0, flip * l), (200.0, flip * l)].map(|(x, y)| (x + shift.x, y + shift.y)));
-            let road = vec![if flip > 0.0 { lanelet(1, bound(9.0), bound(-7.0)) } else { lanelet(1, bound(-7.0), bound(9.0)) }];
+            let road = vec![if flip > 0.0 { lanelet(1, bound(-7.0), bound(9.0)) } else { lanelet(1, bound(9.0), bound(-7.0)) }];
             let world = world(&scenario(road, vec![parked]), &v, &CollisionSettings::default());
             let sweep = world.sweep(&put(Pose::new(0.0, 0.0, 0.1)), &CubicSpiral { knots: spiral.knots.map(|k| flip * k), ..spiral });
             (world.static_hit(&sweep).map(|h| (h.cell, h.what)), world.clearance(&sweep, 2.0))
@@ -419,7 +379,7 @@ fn beside_the_cab_of_the_truck_there_is_room_that_its_box_needs() {
 
 /// Drives the vehicle straight along x at 5 m/s in the rig.
 fn driven_straight(v: &Vehicle, obstacles: &[Obstacle], until: f64) -> (Option<Contact>, Log) {
-    let knot = |time: f64| SpeedKnot { time, station: 5.0 * time, speed: 5.0, acceleration: 0.0, jerk: 0.0 };
+    let knot = |time: f64| knot(time, 5.0 * time, 5.0, 0.0);
     let trajectory = Trajectory {
         start_time: 0.0,
         path: Path::new(Pose::new(0.0, 0.0, 0.0), &[straight(100.0)]).unwrap(),
@@ -440,7 +400,7 @@ fn the_rig_passes_between_the_parts_and_touches_with_each_of_them() {
     assert_eq!(driven_straight(&v, &[post(15.0, 0.38)], 5.0).0, None);
     for y in [0.42, 0.75, -0.75] {
         let contact = driven_straight(&v, &[post(15.0, y)], 5.0).0.expect("no contact with a post in the way");
-        assert_eq!(contact.obstacle, 3);
+        assert_eq!(contact.with, Touched::Obstacle(3));
         assert!((contact.time - (14.9 - 3.6) / 5.0).abs() < 0.01, "{contact:?}");
         let at = contact.at_rear_axle_frame;
         assert!((at.x - 3.6).abs() < 0.03 && (at.y - y).abs() < 0.12, "{contact:?}");

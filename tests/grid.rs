@@ -6,6 +6,7 @@ use common::{VEHICLE, bundled, driven, failures};
 use stopline::drive::Outcome;
 use stopline::geometry::{Point, Pose};
 use stopline::map::{Cell, OccupancyGrid, Scenario};
+use stopline::simulation::Touched;
 use stopline::verdict;
 
 /// Side of a cell, m, and rows of a wall: 20 m to each side of the lane's middle.
@@ -53,6 +54,46 @@ fn a_gap_in_the_wall_is_driven_through() {
     assert_eq!(run.outcome, Outcome::GoalReached, "{:?}", failures(&run));
     assert!(run.verdict.pass(), "{:?}", failures(&run));
     assert!(room(&run, &foot) < 0.0, "it is behind the wall");
+}
+
+/// A wall too near to stop before ends the run where it is touched, as any other obstacle does.
+#[test]
+fn touching_occupied_cells_is_a_collision() {
+    let mut scenario = bundled("straight_100m");
+    let centre = scenario.problems[0].initial.centre;
+    let speed = scenario.problems[0].initial.speed;
+    let foot = centre.advanced(0.5 * VEHICLE.length + 0.5);
+    let corner = Pose { position: foot.position - foot.left() * 10.0, yaw: foot.yaw };
+    scenario.occupancy = Some(OccupancyGrid::new(corner, SIDE, 1, 40, vec![Cell::Occupied; 40]).unwrap());
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::Collision);
+    let contact = run.log.contact.unwrap();
+    assert_eq!(contact.with, Touched::OccupiedCell);
+    assert!(contact.time < 1.1 * 0.5 / speed + 0.1 && contact.time > 0.4 / speed, "{contact:?}");
+    assert!(room(&run, &foot).abs() < 0.03, "{} m", room(&run, &foot));
+    let no_contact = run.verdict.failures().find(|c| c.name == "no_contact").expect("the verdict does not see it");
+    assert!(no_contact.note.contains("an occupied cell"), "{}", no_contact.note);
+    let metrics = verdict::metrics(&scenario, &VEHICLE, &run.cycles, &run.log, &verdict::Settings::default());
+    assert!(metrics.min_clearance_m.unwrap() < 0.01, "{metrics:?}");
+}
+
+/// The start on occupied cells, or beside them.
+#[test]
+fn a_start_on_occupied_cells_is_told_as_one() {
+    let mut scenario = bundled("straight_100m");
+    let centre = scenario.problems[0].initial.centre;
+    let beside = |offset: f64| {
+        let corner = Pose { position: centre.position + centre.left() * offset, yaw: centre.yaw };
+        Some(OccupancyGrid::new(corner, SIDE, 1, 1, vec![Cell::Occupied]).unwrap())
+    };
+    scenario.occupancy = beside(0.5 * VEHICLE.width - 0.1);
+    let run = driven(&scenario);
+    assert_eq!((run.outcome, run.reason), (Outcome::Collision, Some("start_in_collision")));
+    scenario.occupancy = beside(0.5 * VEHICLE.width + 0.3);
+    let run = driven(&scenario);
+    assert_eq!(run.outcome, Outcome::GoalReached, "{:?}", failures(&run));
+    let metrics = verdict::metrics(&scenario, &VEHICLE, &run.cycles, &run.log, &verdict::Settings::default());
+    assert!(metrics.min_clearance_m.is_some_and(|c| c > 0.1 && c < 0.31), "{metrics:?}");
 }
 
 /// The run of the empty road, judged with the wall in it: the rig saw nothing, the verdict does.

@@ -5,10 +5,11 @@ mod common;
 
 use common::VEHICLE;
 use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld};
+use stopline::fixtures;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
 use stopline::lattice::{EdgeStore, Found, Ground, LatticePath, Root, Settings, search};
-use stopline::map::{Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use stopline::map::{Lanelet, Motion, Neighbour, Obstacle};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 
 /// Length of the roads, m.
@@ -18,46 +19,33 @@ const CAR: (f64, f64) = (4.5, 1.8);
 
 /// A straight lanelet along x between two lateral positions, m.
 fn lanelet(id: i64, right: f64, left: f64) -> Lanelet {
-    let line = |y: f64| Polyline::new((0..=16).map(|i| Point::new(0.1 * LENGTH * f64::from(i), y))).unwrap();
-    Lanelet {
-        id,
-        left: line(left),
-        right: line(right),
-        centre: line(f64::midpoint(left, right)),
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec![],
-    }
+    let bound = |y: f64| Polyline::new((0..=16).map(|i| Point::new(0.1 * LENGTH * f64::from(i), y))).unwrap();
+    fixtures::lanelet(id, bound(right), bound(left))
 }
 
 fn parked(id: i64, x: f64, y: f64, (length, width): (f64, f64)) -> Obstacle {
-    let motion = Motion::Static(Pose::new(x, y, 0.0));
-    Obstacle { id, kind: ObstacleKind::ParkedVehicle, shape: Shape::rectangle(length, width), motion }
+    fixtures::parked(id, Pose::new(x, y, 0.0), length, width)
 }
 
 /// What the lattice finds on lanelet 1, from a rear-axle pose at a speed.
 fn found(lanelets: Vec<Lanelet>, obstacles: &[Obstacle], start: Pose, speed: f64, horizon: f64) -> Found {
-    let network = RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() };
-    let scenario = Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network,
-        obstacles: obstacles.to_vec(),
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    };
+    found_as_if(lanelets, obstacles, start, (speed, speed), horizon)
+}
+
+/// [`found`] with the layers of one speed and the costs of another.
+fn found_as_if(
+    lanelets: Vec<Lanelet>,
+    obstacles: &[Obstacle],
+    start: Pose,
+    (speed, driven): (f64, f64),
+    horizon: f64,
+) -> Found {
+    let scenario = fixtures::scenario(fixtures::network(lanelets), obstacles.to_vec());
     let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
     let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0).unwrap();
     let (max_curvature, half_width) = (VEHICLE.max_curvature(), 0.5 * VEHICLE.width);
-    let ground = Ground { reference: &reference, world: &world, max_curvature, half_width };
+    let full_speed_curvature = planned_lateral() / (driven * driven);
+    let ground = Ground { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width };
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
     search(&ground, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default())
 }
@@ -152,7 +140,11 @@ const CHANGES: [(f64, f64); 2] = [(8.0, 60.0), (14.0, 90.0)];
 const LORRY: (f64, f64) = (10.0, 2.5);
 
 fn lane_change(speed: f64, lorry: &Obstacle) -> Found {
-    found(two_lanes(), std::slice::from_ref(lorry), Pose::new(8.0, 0.0, 0.0), speed, 120.0)
+    lane_change_as_if(speed, speed, lorry)
+}
+
+fn lane_change_as_if(driven: f64, layers_of: f64, lorry: &Obstacle) -> Found {
+    found_as_if(two_lanes(), std::slice::from_ref(lorry), Pose::new(8.0, 0.0, 0.0), (layers_of, driven), 120.0)
 }
 
 #[test]
@@ -165,25 +157,59 @@ fn a_lane_change_ends_in_the_middle_of_the_other_lane_before_what_blocks_this_on
         let end = path.path.at(path.path.length());
         assert!((end.pose.position.y - 3.5).abs() < 1e-6 && end.pose.yaw.abs() < 1e-6 && end.curvature.abs() < 1e-6);
         assert!(distance(path, &lorry, LORRY) >= 0.199);
-        // it goes over once and stays
+        // it goes over once and stays; between two layers that are too near and too far, it may aim half a metre beyond
+        // the middle, one step of the offsets, and come back
         let ys: Vec<f64> = (8..=150).map(|x| beside(path, f64::from(x))).collect();
-        assert!(ys.windows(2).all(|w| w[1] >= w[0] - 0.05), "swings back: {ys:?}");
+        let farthest = ys.iter().position(|y| *y >= 3.45).expect("it does not go over");
+        assert!(ys[..farthest].windows(2).all(|w| w[1] >= w[0]), "swings back: {ys:?}");
+        assert!(ys[farthest..].iter().all(|y| (3.4..4.05).contains(y)), "does not stay: {ys:?}");
     }
 }
 
-/// Does not hold yet: the lattice knows no speed, so that all ways over which it hands out may have to be driven more
-/// slowly than the vehicle is, and the speed layer refuses them.
+/// What is offered: end, lateral acceleration at a speed, what blocks it.
+fn offered(found: &Found, speed: f64) -> Vec<(f64, f64, Option<Blocker>)> {
+    found.paths.iter().map(|p| (p.end_offset, lateral(p, speed), p.blocked_by)).collect()
+}
+
+/// The largest lateral acceleration that the planner asks for, m/s².
+fn planned_lateral() -> f64 {
+    stopline::planner::Settings::default().lateral_share * VEHICLE.comfort.lateral_acceleration
+}
+
 #[test]
-#[ignore = "known weakness: at 8 m/s all candidates over to the other lane ask for more than 4 m/s²"]
-fn one_of_the_ways_over_can_be_driven_at_the_present_speed() {
+fn the_ways_over_can_be_driven_at_the_present_speed() {
     for (speed, blocked_from) in CHANGES {
-        let found = lane_change(speed, &parked(4, blocked_from, 0.0, LORRY));
-        let offered: Vec<(f64, f64, Option<Blocker>)> =
-            found.paths.iter().map(|p| (p.end_offset, lateral(p, speed), p.blocked_by)).collect();
-        let is_gentle =
-            |(end, lateral, blocked): &(f64, f64, Option<Blocker>)| *end == 0.0 && *lateral < 2.0 && blocked.is_none();
-        assert!(offered.iter().any(is_gentle), "none at {speed} m/s: {offered:?}");
+        let offered = offered(&lane_change(speed, &parked(4, blocked_from, 0.0, LORRY)), speed);
+        let (end, lateral, blocked_by) = offered[0];
+        assert_eq!((end, blocked_by), (0.0, None));
+        assert!(lateral < planned_lateral(), "the best one at {speed} m/s asks for {lateral:.2} m/s²: {offered:?}");
     }
+}
+
+/// The twin: with the lorry too near for a gentle way over, the sharp ones are offered, and the best is not sharper than
+/// it must be.
+#[test]
+fn a_lorry_too_near_for_a_gentle_way_leaves_the_sharp_ones() {
+    for (speed, blocked_from) in [(8.0, 27.0), (14.0, 37.0)] {
+        let found = lane_change(speed, &parked(4, blocked_from, 0.0, LORRY));
+        let offered = offered(&found, speed);
+        let over = |(end, _, blocked): &&(f64, f64, Option<Blocker>)| end.abs() < 1.0 && blocked.is_none();
+        let free: Vec<f64> = offered.iter().filter(over).map(|(_, lateral, _)| *lateral).collect();
+        assert!(!free.is_empty(), "no way over at {speed} m/s: {offered:?}");
+        assert!(free.iter().all(|lateral| *lateral > planned_lateral()), "{free:?}: the lorry is not near enough");
+        assert!(found.paths[0].blocked_by.is_none() && found.paths[0].terms.slowing > 0.0, "{offered:?}");
+    }
+}
+
+/// The same road at the same place: the faster the vehicle, the less its way over may bend.
+#[test]
+fn the_faster_the_vehicle_the_less_its_way_over_bends() {
+    let bend = |speed: f64| {
+        let found = lane_change_as_if(speed, 8.0, &parked(4, 90.0, 0.0, LORRY));
+        lateral(&found.paths[0], 1.0)
+    };
+    let bends: Vec<f64> = [0.0, 4.0, 8.0, 12.0].map(bend).to_vec();
+    assert!(bends.windows(2).all(|w| w[1] <= w[0]) && bends[3] < 0.7 * bends[0], "{bends:?}");
 }
 
 #[test]

@@ -9,7 +9,8 @@ use stopline::drive::{Outcome, Run, Settings, drive};
 use stopline::geometry::{Point, Pose};
 use stopline::map::{Motion, Scenario};
 use stopline::planner::{Cycle, Decision};
-use stopline::simulation::{self, Log, Sample, World};
+use stopline::plot::run_svg;
+use stopline::simulation::{self, Log, Sample, Touched, World};
 use stopline::vehicle::State;
 use stopline::verdict::{self, Expectation};
 
@@ -57,6 +58,17 @@ fn ends_as_told(name: &str, outcome: Outcome) {
         assert!(asked.contains(&check), "{name}: {check} was not asked, only {asked:?}");
     }
     assert!(run.verdict.pass(), "{name}: {:#?}", failures(&run));
+    is_drawn_as_kept(name, &run);
+}
+
+/// The pictures that `maps/README.md` shows are those of these runs, byte by byte.
+fn is_drawn_as_kept(name: &str, run: &Run) {
+    let kept = std::fs::read_to_string(maps().join("pictures").join(name).with_extension("svg")).unwrap_or_default();
+    assert!(
+        kept == run_svg(run),
+        "maps/pictures/{name}.svg is not what the program draws now; look at the new one and keep it: \
+         cargo run --release -- drive maps/{name}.xml --quiet --svg maps/pictures/{name}.svg"
+    );
 }
 
 /// The table of `maps/README.md`, this file's and the folder say the same.
@@ -235,7 +247,7 @@ fn the_rig_touches_what_a_blind_plan_runs_into_and_only_that() {
     assert_eq!(free.samples[..], run.log.samples[..free.samples.len()], "replaying is not the same drive");
     let contact = replayed(&run, &parked).contact.expect("a car in the way, and no contact");
     let Motion::Static(at) = &parked[0].motion else { panic!("a parked car that moves") };
-    assert_eq!(contact.obstacle, parked[0].id);
+    assert_eq!(contact.with, Touched::Obstacle(parked[0].id));
     let front = VEHICLE.front_overhang_from_rear_axle();
     assert!((contact.at_rear_axle_frame.x - front).abs() < 0.1, "{contact:?} is not at the front, {front}");
     let there = free.samples.iter().find(|s| s.time >= contact.time).unwrap();
@@ -249,7 +261,13 @@ fn the_rig_touches_what_a_blind_plan_runs_into_and_only_that() {
 /// Refinement is not for the looks: the vehicle turns the wheel less, and every refined plan carries its own proof.
 #[test]
 fn refined_plans_are_proven_and_what_is_driven_bends_less() {
-    let scenario = bundled("parked_car");
+    for story in ["slalom", "parked_car"] {
+        refinement_bends_less_on(story);
+    }
+}
+
+fn refinement_bends_less_on(story: &str) {
+    let scenario = bundled(story);
     let with = |enabled| {
         let mut settings = Settings::default();
         settings.planner.refinement.enabled = enabled;
@@ -259,7 +277,7 @@ fn refined_plans_are_proven_and_what_is_driven_bends_less() {
     assert!(plain.cycles.iter().all(|c| !c.is_refined));
     let of_new_plans = |c: &&Cycle| matches!(c.decision, Decision::NewPlan { .. });
     let count = refined.cycles.iter().filter(|c| c.is_refined).filter(of_new_plans).count();
-    assert!(count > 10, "only {count} cycles are refined");
+    assert!(count > 10, "{story}: only {count} cycles are refined");
     for cycle in refined.cycles.iter().filter(|c| c.is_refined) {
         assert_ne!(cycle.decision, Decision::Unproven);
         assert!(cycle.committed.profile.ends_at_rest());
@@ -273,6 +291,6 @@ fn refined_plans_are_proven_and_what_is_driven_bends_less() {
         samples.map(|w| curvature(&w[0]).powi(2) * (w[1].pose.position - w[0].pose.position).norm()).sum::<f64>()
     };
     let (less, more) = (bending(&refined), bending(&plain));
-    println!("{count} cycles refined; driven: {less:.4} 1/m where it was {more:.4}");
-    assert!(less < 0.9 * more, "{less} {more}");
+    println!("{story}: {count} cycles refined; driven: {less:.4} 1/m where it was {more:.4}");
+    assert!(less < 0.9 * more, "{story}: {less} {more}");
 }

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use stopline::drive::{self, Outcome, Settings};
+use stopline::fixtures::parked;
 use stopline::geometry::Point;
 use stopline::geometry::polyline::Polyline;
 use stopline::io::commonroad;
-use stopline::map::{GoalPosition, Motion, Obstacle, ObstacleKind, Scenario, Shape};
+use stopline::map::{GoalPosition, Scenario};
 use stopline::planner::Decision;
 use stopline::vehicle;
 
@@ -57,12 +58,7 @@ fn a_wall_too_near_to_stop_before_leaves_no_cycle_proven() {
     let initial = &scenario.problems[0].initial;
     let mut wall = initial.centre;
     wall.position += initial.centre.forward() * 4.5;
-    scenario.obstacles.push(Obstacle {
-        id: 9000,
-        kind: ObstacleKind::Unknown,
-        shape: Shape::rectangle(1.0, 20.0),
-        motion: Motion::Static(wall),
-    });
+    scenario.obstacles.push(parked(9000, wall, 1.0, 20.0));
     let vehicle = vehicle::load("bmw_320i").unwrap();
     let run = drive::drive(&scenario, &scenario.problems[0], &vehicle, &Settings::default(), &mut |_, _| {}).unwrap();
     assert!(!run.cycles.is_empty() && run.cycles.iter().all(|c| c.decision == Decision::Unproven));

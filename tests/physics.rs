@@ -1,9 +1,10 @@
 //! The physics rig against closed forms, its own mirror image, and trajectories to track.
 
+use stopline::fixtures::{self, knot, obstacle};
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector};
-use stopline::map::{Motion, Obstacle, ObstacleKind, Part, Shape, TimedOccupancy, TimedPose};
-use stopline::simulation::{Command, GRAVITY, Log, Sample, Settings, World};
+use stopline::map::{Cell, Motion, Obstacle, ObstacleKind, OccupancyGrid, Part, Shape, TimedOccupancy, TimedPose};
+use stopline::simulation::{Command, GRAVITY, Log, Sample, Settings, Touched, World};
 use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 use stopline::vehicle::{self, State, Vehicle};
 
@@ -16,12 +17,12 @@ fn start(pose: Pose, speed: f64) -> State {
 }
 
 fn straight(length: f64) -> Path {
-    Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral { knots: [0.0; 4], length }]).unwrap()
+    fixtures::straight(Pose::new(0.0, 0.0, 0.0), length)
 }
 
 /// A profile of pieces (duration s, acceleration m/s², jerk m/s³), from a speed; ends at rest if it comes near it.
 fn profile(speed: f64, pieces: &[(f64, f64, f64)]) -> SpeedProfile {
-    let mut knot = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
+    let mut knot = knot(0.0, 0.0, speed, 0.0);
     let mut knots = Vec::new();
     for &(t, acceleration, jerk) in pieces.iter().filter(|p| p.0 > 1e-9) {
         knots.push(SpeedKnot { acceleration, jerk, ..knot });
@@ -370,12 +371,7 @@ fn crossing(id: i64, at: Point, velocity: Vector, when: f64) -> Obstacle {
 }
 
 fn parked(id: i64, x: f64, y: f64) -> Obstacle {
-    Obstacle {
-        id,
-        kind: ObstacleKind::ParkedVehicle,
-        shape: Shape::rectangle(4.0, 2.0),
-        motion: Motion::Static(Pose::new(x, y, 0.0)),
-    }
+    fixtures::parked(id, Pose::new(x, y, 0.0), 4.0, 2.0)
 }
 
 fn along_x(speed: f64) -> Trajectory {
@@ -389,7 +385,7 @@ fn a_parked_car_is_hit_when_and_where_it_must_be() {
     let log = drive(&v, &obstacles, &start(Pose::new(0.0, 0.0, 0.0), 10.0), &along_x(10.0), 20.0, &Settings::default());
     let contact = log.contact.unwrap();
     let expected = (48.0 - v.front_overhang_from_rear_axle()) / 10.0;
-    assert_eq!(contact.obstacle, 42);
+    assert_eq!(contact.with, Touched::Obstacle(42));
     assert!((contact.time - expected).abs() < 0.005, "{} s, expected {expected} s", contact.time);
     assert!((contact.at_rear_axle_frame.x - v.front_overhang_from_rear_axle()).abs() < 0.02, "{contact:?}");
     assert!(
@@ -419,7 +415,7 @@ fn an_obstacle_that_crosses_is_hit_and_one_that_has_passed_is_not() {
         let obstacle = crossing(9, Point::new(52.0, 0.0), Vector::new(0.0, 2.0), when);
         let log =
             drive(&v, &[obstacle], &start(Pose::new(0.0, 0.0, 0.0), 10.0), &along_x(10.0), 10.0, &Settings::default());
-        assert_eq!(log.contact.map(|c| c.obstacle), hit.then_some(9), "crossing at {when} s");
+        assert_eq!(log.contact.map(|c| c.with), hit.then_some(Touched::Obstacle(9)), "crossing at {when} s");
     }
 }
 
@@ -436,17 +432,49 @@ fn a_standing_car_is_hit_from_behind_and_from_the_side_and_by_a_fast_one() {
     }
 }
 
+/// One occupied cell of 0.4 m in the way, 50 m ahead, in a grid that is turned and of which most is far away.
+#[test]
+fn an_occupied_cell_is_hit_when_and_where_it_must_be() {
+    let v = bmw();
+    let (east, north, side, count) = (4.2e5, 5.1e6, 0.4, 1000_usize);
+    for (yaw, y, hit) in [(0.0, 0.0, true), (0.7, 0.3, true), (-2.0, 1.1, false), (0.0, -1.3, false)] {
+        // the grid's middle cell has its middle at (50, y)
+        let half = 0.5 * side * count as f64;
+        let corner = Pose::new(0.0, 0.0, yaw).to_world(Point::new(half + 0.5 * side, half + 0.5 * side));
+        let origin = Pose::new(east + 50.0 - corner.x, north + y - corner.y, yaw);
+        let mut cells = vec![Cell::Free; count * count];
+        cells[count / 2 * count + count / 2] = Cell::Occupied;
+        // unknown cells are no contact, and occupied ones elsewhere are none either
+        cells[count / 2 * count + count / 2 - 1] = Cell::Unknown;
+        cells[0] = Cell::Occupied;
+        let grid = OccupancyGrid::new(origin, side, count, count, cells).unwrap();
+        let start = start(Pose::new(east, north, 0.0), 10.0);
+        let t = Trajectory { path: fixtures::straight(start.pose, 300.0), ..along_x(10.0) };
+        let mut world = World::new(&v, &[], &start, &Settings::default()).unwrap().with_occupancy(&grid);
+        let mut log = Log::default();
+        world.follow(&t, 9.0, &mut log);
+        let Some(contact) = log.contact else {
+            assert!(!hit, "drives through the cell at yaw {yaw}");
+            continue;
+        };
+        assert!(hit, "touches nothing at yaw {yaw}, y {y}: {contact:?}");
+        assert_eq!(contact.with, Touched::OccupiedCell);
+        // a square turned by an angle reaches farther back than one along x
+        let reach = 0.5 * side * (yaw.cos().abs() + yaw.sin().abs());
+        let expected = (50.0 - reach - v.front_overhang_from_rear_axle()) / 10.0;
+        assert!((contact.time - expected).abs() < 0.005, "{} s, expected {expected} s", contact.time);
+    }
+}
+
 #[test]
 fn regions_count_only_during_their_interval_and_obstacles_only_while_they_exist() {
     let v = bmw();
-    let region = |from: f64, to: f64| Obstacle {
-        id: 8,
-        kind: ObstacleKind::Unknown,
-        shape: Shape::rectangle(1.0, 1.0),
-        motion: Motion::Occupancy(vec![
+    let region = |from: f64, to: f64| {
+        let sets = vec![
             TimedOccupancy { from, to, region: wall(50.0) },
             TimedOccupancy { from: to, to: to + 0.1, region: wall(500.0) },
-        ]),
+        ];
+        obstacle(8, Shape::rectangle(1.0, 1.0), Motion::Occupancy(sets))
     };
     for (from, to, hit) in [(0.0, 3.0, None), (4.0, 9.0, Some(4.532)), (5.0, 5.05, Some(5.0)), (6.0, 7.0, None)] {
         let log = drive(
@@ -459,7 +487,9 @@ fn regions_count_only_during_their_interval_and_obstacles_only_while_they_exist(
         );
         match (log.contact, hit) {
             (None, None) => {}
-            (Some(c), Some(time)) => assert!((c.time - time).abs() < 0.002 && c.obstacle == 8, "{from}…{to}: {c:?}"),
+            (Some(c), Some(time)) => {
+                assert!((c.time - time).abs() < 0.002 && c.with == Touched::Obstacle(8), "{from}…{to}: {c:?}")
+            }
             other => panic!("{from}…{to}: {other:?}"),
         }
     }
@@ -485,7 +515,7 @@ fn a_start_in_contact_is_found_at_once_and_the_world_stays_as_it_is() {
             .unwrap();
     let mut log = Log::default();
     world.follow(&along_x(10.0), 1.0, &mut log);
-    assert_eq!(log.contact.map(|c| (c.obstacle, c.time)), Some((2, 0.0)));
+    assert_eq!(log.contact.map(|c| (c.with, c.time)), Some((Touched::Obstacle(2), 0.0)));
     let state = world.state();
     let mut again = Log::default();
     world.follow(&along_x(10.0), 2.0, &mut again);

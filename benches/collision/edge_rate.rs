@@ -8,9 +8,10 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
+use stopline::fixtures::{lanelet, network, parked, scenario, vehicle};
+use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::{CubicSpiral, connect};
 use stopline::geometry::{Pose, wrap_angle};
-use stopline::map::{Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
 
 /// Edges asked for; some have no spiral.
 const EDGES: usize = 4000;
@@ -58,28 +59,12 @@ fn world() -> CollisionWorld {
         let l = if left { 5.25 + 0.9 + gap } else { -1.75 - 0.9 - gap };
         let (place, _) = node(2.0 + 2.0 * id as f64, l);
         let place = Pose { yaw: place.yaw + random.within(-0.1, 0.1), ..place };
-        Obstacle {
-            id,
-            kind: ObstacleKind::ParkedVehicle,
-            shape: Shape::rectangle(4.5, 1.8),
-            motion: Motion::Static(place),
-        }
+        parked(id, place, 4.5, 1.8)
     });
-    let bound = |l: f64| {
-        stopline::geometry::polyline::Polyline::new((0..=125).map(|i| node(2.0 * f64::from(i), l).0.position)).unwrap()
-    };
-    let lanes = [super::lanelet(1, bound(1.75), bound(-1.75)), super::lanelet(2, bound(5.25), bound(1.75))];
-    let scenario = Scenario {
-        id: "edge rate".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: RoadNetwork { lanelets: lanes.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() },
-        obstacles: obstacles.collect(),
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    };
-    CollisionWorld::new(&scenario, &super::vehicle(), &CollisionSettings::default(), 1.0).unwrap()
+    let bound = |l: f64| Polyline::new((0..=125).map(|i| node(2.0 * f64::from(i), l).0.position)).unwrap();
+    let lanes = [lanelet(1, bound(-1.75), bound(1.75)), lanelet(2, bound(1.75), bound(5.25))];
+    let scenario = scenario(network(lanes), obstacles.collect());
+    CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 1.0).unwrap()
 }
 
 /// A boundary-value problem: where it starts, start curvature, end in the start's frame, end curvature.

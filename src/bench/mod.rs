@@ -37,8 +37,9 @@ pub struct Check {
 /// Runs of a problem, of which the shortest counts: what the machine did in between is not the method's.
 const RUNS: usize = 3;
 
-/// What `solve` returns for each problem, one after the other on this thread, and what it took.
-fn timed<P, A>(problems: &[P], solve: impl Fn(&P) -> A) -> (Vec<A>, Times) {
+/// What `solve` returns for each problem, one after the other on this thread, and what it took. `watch` hears after each
+/// problem how many are done, outside of what is timed.
+fn timed<P, A>(problems: &[P], solve: impl Fn(&P) -> A, watch: &mut dyn FnMut(usize)) -> (Vec<A>, Times) {
     let mut seconds = Vec::with_capacity(problems.len());
     let mut answers = Vec::with_capacity(problems.len());
     for problem in problems {
@@ -52,13 +53,14 @@ fn timed<P, A>(problems: &[P], solve: impl Fn(&P) -> A) -> (Vec<A>, Times) {
             }
         }
         seconds.push(shortest);
+        watch(seconds.len());
     }
     seconds.sort_by(f64::total_cmp);
     (answers, Times { median_us: 1e6 * quantile(&seconds, 0.5), p99_us: 1e6 * quantile(&seconds, 0.99) })
 }
 
 /// The smallest value that a share of all does not exceed (nearest rank); 0 of nothing.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a share of a count
     let rank = (share * sorted.len() as f64).ceil() as usize;
     sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
@@ -69,11 +71,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn quantiles_are_nearest_ranks() {
+        let times: Vec<f64> = (1..=200).map(f64::from).collect();
+        assert_eq!((quantile(&times, 0.5), quantile(&times, 0.99), quantile(&times, 1.0)), (100.0, 198.0, 200.0));
+        assert_eq!((quantile(&[7.0], 0.5), quantile(&[7.0], 0.99), quantile(&[], 0.5)), (7.0, 7.0, 0.0));
+    }
+
+    #[test]
     fn every_problem_is_answered_once_and_in_order() {
-        let (answers, times) = timed(&[3, 1, 2], |p| 10 * p);
+        let (answers, times) = timed(&[3, 1, 2], |p| 10 * p, &mut |_| {});
         assert_eq!(answers, [30, 10, 20]);
         assert!(times.median_us >= 0.0 && times.p99_us >= times.median_us);
-        let (none, times) = timed(&[0; 0], |p| *p);
+        let (none, times) = timed(&[0; 0], |p| *p, &mut |_| {});
         assert_eq!((none.len(), times), (0, Times { median_us: 0.0, p99_us: 0.0 }));
     }
 }

@@ -1,12 +1,12 @@
 //! Runs a job: the only file of the command line that knows planner, physics, verdict and pictures.
 
-use std::io::IsTerminal as _;
 use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::job::{Job, Kind};
-use super::{Failure, json, say};
+use super::{Failure, json, progress, say};
+use crate::bench::quantile;
 use crate::drive::{self, Outcome, Run};
 use crate::io::{csv, files, solution};
 use crate::lattice::EdgeCounts;
@@ -63,7 +63,7 @@ pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
         pool = pool.num_threads(usize::from(threads));
     }
     let pool = pool.build().map_err(|e| Failure::Fault(format!("no threads: {e}")))?;
-    let bar = progress_bar(job);
+    let bar = progress::bar(job.kind == Kind::Drive && !job.quiet);
     let (scenario, problem, vehicle, settings) = (&job.scenario, job.problem(), &job.vehicle, &job.settings);
     let run = pool.install(|| match job.kind {
         Kind::Plan => drive::plan(scenario, problem, vehicle, settings),
@@ -71,18 +71,6 @@ pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
     });
     bar.finish_and_clear();
     run.map_err(Failure::file)
-}
-
-/// A bar on stderr, drawn only on a terminal.
-fn progress_bar(job: &Job) -> ProgressBar {
-    if job.quiet || job.kind == Kind::Plan || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 fn show(bar: &ProgressBar, time: f64, end: f64) {
@@ -137,14 +125,6 @@ fn planning(run: &Run) -> Planning {
         candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
         time_ms: Times { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) },
     }
-}
-
-/// The smallest value that a share of all does not exceed (nearest rank); 0 of nothing.
-fn quantile(sorted: &[f64], share: f64) -> f64 {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-    // a share of a count
-    let rank = (share * sorted.len() as f64).ceil() as usize;
-    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
 /// What was driven; for a plan, what is planned, as if it were driven exactly.
@@ -229,16 +209,4 @@ fn record(run: &Run, path: &Path) {
 #[cfg(not(feature = "rerun"))]
 fn record(_: &Run, path: &Path) {
     say(&format!("warning: {}: not written: no recordings in this build", path.display()));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_nearest_ranks() {
-        let times: Vec<f64> = (1..=200).map(f64::from).collect();
-        assert_eq!((quantile(&times, 0.5), quantile(&times, 0.99), quantile(&times, 1.0)), (100.0, 198.0, 200.0));
-        assert_eq!((quantile(&[7.0], 0.5), quantile(&[7.0], 0.99), quantile(&[], 0.5)), (7.0, 7.0, 0.0));
-    }
 }

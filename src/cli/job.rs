@@ -1,6 +1,5 @@
 //! A job: what was typed, resolved and checked. Once it exists, only the program itself can fail.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::Failure;
@@ -63,7 +62,9 @@ impl Job {
         };
         outputs.check(&inputs)?;
         let mut scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
-        scenario.occupancy = args.grid.as_deref().map(ros_map::read_file).transpose().map_err(Failure::file)?;
+        if let Some(file) = &args.grid {
+            scenario.overlay(ros_map::read_file(file).map_err(Failure::file)?, &file.display().to_string());
+        }
         let problem = choose(&scenario, args.problem, &args.scenario)?;
         let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
@@ -112,11 +113,9 @@ fn settings(file: &Path) -> Result<Settings, Failure> {
     /// Largest settings file, bytes.
     const MAX_BYTES: u64 = 1 << 20;
     let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {}", file.display(), e.to_string().trim_end()));
-    let mut text = String::new();
-    std::fs::File::open(file)
-        .and_then(|f| f.take(MAX_BYTES).read_to_string(&mut text))
-        .map_err(|e| error(&format_args!("cannot be read: {e}")))?;
-    let settings: Settings = toml::from_str(&text).map_err(|e| error(&e))?;
+    let bytes = files::read(file, MAX_BYTES).map_err(Failure::file)?;
+    let text = std::str::from_utf8(&bytes).map_err(|e| error(&format_args!("not UTF-8 text: {e}")))?;
+    let settings: Settings = toml::from_str(text).map_err(|e| error(&e))?;
     settings.validate().map_err(|e| error(&e))?;
     Ok(settings)
 }

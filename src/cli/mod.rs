@@ -11,6 +11,7 @@ mod bench;
 mod engine;
 mod job;
 mod json;
+mod progress;
 mod report;
 
 use std::ffi::OsString;

@@ -1,9 +1,6 @@
 //! The report for people.
 
 use std::fmt::Write as _;
-use std::io::IsTerminal as _;
-
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::engine::Summary;
 use super::job::Job;
@@ -12,18 +9,6 @@ use crate::verdict::Check;
 
 /// Issues of the scenario shown; the JSON has all.
 const SHOWN_ISSUES: usize = 5;
-
-/// A bar on stderr that counts, drawn only on a terminal.
-pub(super) fn counting_bar(length: u64, quiet: bool) -> ProgressBar {
-    if quiet || !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len}") {
-        bar.set_style(style);
-    }
-    bar
-}
 
 /// What the reader met, as lines for stderr.
 pub(super) fn issues(job: &Job) -> Vec<String> {

@@ -173,7 +173,7 @@ impl CollisionWorld {
             origin,
             outline: Outline::new(vehicle),
             settings: *settings,
-            statics: StaticWorld::new(scenario, origin, settings),
+            statics: StaticWorld::new(scenario, origin, settings, vehicle.footprint.reach()),
             predictions: Predictions::new(&scenario.obstacles, origin, settings, horizon),
         })
     }

@@ -1,10 +1,12 @@
 //! What does not move: static obstacles, occupied cells of a grid and the edge of the road.
 //!
+//! Of an occupancy grid only the cells near the road are kept: the rest of a large one can never be met.
+//!
 //! Convex pieces in parry's bounding volume hierarchies, one for the obstacles and one for the boundary segments, since
 //! each has its own margin. A sweep is asked block by block (eight cells): one query of the hierarchies for the block,
 //! then the exact test for the cells whose boxes meet what was found.
 
-use parry2d::bounding_volume::Aabb;
+use parry2d::bounding_volume::{Aabb, BoundingVolume as _};
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
 
 use super::convert::{Local, Origin};
@@ -69,7 +71,8 @@ pub struct StaticWorld {
 }
 
 impl StaticWorld {
-    pub(super) fn new(scenario: &Scenario, origin: Origin, settings: &CollisionSettings) -> Self {
+    /// `reach` is that of the vehicle from its rear axle, m.
+    pub(super) fn new(scenario: &Scenario, origin: Origin, settings: &CollisionSettings, reach: f64) -> Self {
         let mut found: Vec<(i64, Convex)> = Vec::new();
         for obstacle in &scenario.obstacles {
             if let Motion::Static(pose) = &obstacle.motion {
@@ -79,10 +82,11 @@ impl StaticWorld {
         }
         found.sort_by_key(|(id, _)| *id);
         let found = found.into_iter().map(|(id, piece)| (Blocker::Obstacle(id), piece));
-        let cells = occupied(scenario, settings, &origin).into_iter().map(|piece| (Blocker::OccupiedCell, piece));
+        let road = DrivableArea::with_origin(&scenario.network, origin);
+        let cells = occupied(scenario, settings, &origin, &road, 2.0 * reach + BESIDE);
+        let cells = cells.into_iter().map(|piece| (Blocker::OccupiedCell, piece));
         let (blockers, pieces): (Vec<Blocker>, Vec<Convex>) = found.chain(cells).unzip();
         let boxes: Vec<Aabb> = pieces.iter().map(|p| *p.aabb()).collect();
-        let road = DrivableArea::with_origin(&scenario.network, origin);
         Self {
             everything: WideTree::new(pieces.iter().chain(road.boundary()).map(|p| *p.aabb())),
             road,
@@ -205,10 +209,59 @@ impl StaticWorld {
     }
 }
 
-/// The occupied cells of the scenario's grid, as few rectangles.
-fn occupied(scenario: &Scenario, settings: &CollisionSettings, origin: &Origin) -> Vec<Convex> {
+/// How far beside the road the vehicle may stand at the start and still be asked for, margins included, m.
+const BESIDE: f64 = 20.0;
+
+/// The occupied cells of the scenario's grid within a distance of the road, as few rectangles; all of them where there
+/// is no road. A vehicle of which any part is on the road has all others within twice its reach.
+fn occupied(
+    scenario: &Scenario,
+    settings: &CollisionSettings,
+    origin: &Origin,
+    road: &DrivableArea,
+    distance: f64,
+) -> Vec<Convex> {
     let Some(grid) = &scenario.occupancy else { return Vec::new() };
     let wanted = |cell| cell == Cell::Occupied || settings.unknown_is_occupied && cell == Cell::Unknown;
     let piece = |block| Convex::hull_of(grid.corners(&block).iter().map(|p| origin.local(*p)).collect(), 0.0);
-    grid.blocks(wanted).into_iter().filter_map(piece).collect()
+    if road.is_empty() {
+        return grid.blocks(wanted).into_iter().filter_map(piece).collect();
+    }
+    let bounds = scenario.network.lanelets.values().flat_map(|l| l.left.points().iter().chain(l.right.points()));
+    let part = grid.part_around(bounds, distance);
+    let is_near = |piece: &Convex| {
+        let around = piece.aabb().loosened(distance);
+        road.near(&around).next().is_some() || road.contains_local(piece.aabb().center())
+    };
+    grid.blocks_within(&part, wanted).into_iter().filter_map(piece).filter(is_near).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{network, road, scenario, straight_lanelet};
+    use crate::geometry::{Point, Pose};
+    use crate::map::OccupancyGrid;
+
+    /// Middles of the cells that are kept, of one row of cells across the road, every 10 m.
+    fn kept(road: crate::map::RoadNetwork) -> Vec<f64> {
+        let mut cells = vec![Cell::Free; 1000];
+        cells.iter_mut().step_by(10).for_each(|cell| *cell = Cell::Occupied);
+        let mut scenario = scenario(road, vec![]);
+        let origin = Pose::new(50.0, -500.0, 0.0);
+        scenario.occupancy = Some(OccupancyGrid::new(origin, 1.0, 1, 1000, cells).unwrap());
+        let at = Origin::amid(&[Point::origin()]);
+        let world = StaticWorld::new(&scenario, at, &CollisionSettings::default(), 3.0);
+        world.pieces.iter().map(|piece| piece.aabb().center().y).collect()
+    }
+
+    #[test]
+    fn cells_on_and_beside_the_road_are_kept_and_those_that_nothing_can_reach_are_not() {
+        // within 26 m of a road from −2 to 2 m
+        assert_eq!(kept(road(4.0, 100.0)), [-19.5, -9.5, 0.5, 10.5, 20.5]);
+        // in the middle of a wide one, far from its edge
+        let wide = kept(network([straight_lanelet(1, (-200.0, 200.0), -200.0, 200.0)]));
+        assert_eq!((wide.len(), wide[0], wide[wide.len() - 1]), (45, -219.5, 220.5));
+        assert_eq!(kept(crate::map::RoadNetwork::default()).len(), 100, "no road: all of them");
+    }
 }

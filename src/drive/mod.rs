@@ -106,6 +106,9 @@ pub fn drive<'a>(
     }
     let initial = initial_state(problem, vehicle, begins);
     let mut world = World::new(vehicle, &scenario.obstacles, &initial, &settings.simulation)?;
+    if let Some(grid) = &scenario.occupancy {
+        world = world.with_occupancy(grid);
+    }
     let stops_at_goal = stops_at_goal(problem);
     let mut judged = 0;
     loop {

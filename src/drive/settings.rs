@@ -1,5 +1,6 @@
 //! What a user may set about a run, as read from `--config FILE.toml`.
 
+use crate::simulation::SimulationError;
 use crate::{planner, simulation};
 
 /// Settings of a run. Every field has a default; unknown keys are refused.
@@ -37,11 +38,15 @@ impl Default for RunSettings {
 #[error("setting `{field}` is {value}, it must be {expected}")]
 pub struct SettingsError {
     /// Name of the setting, with its table.
-    pub field: &'static str,
+    pub field: String,
     /// Its value.
     pub value: f64,
     /// What it should be.
-    pub expected: &'static str,
+    pub expected: String,
+}
+
+fn wrong(field: impl Into<String>, value: f64, expected: impl Into<String>) -> Result<(), SettingsError> {
+    Err(SettingsError { field: field.into(), value, expected: expected.into() })
 }
 
 /// A path may be moved sideways by less than the narrowest vehicle is wide, m: probes on both sides then see what is
@@ -52,14 +57,32 @@ const WIDEST_CORRIDOR: f64 = 1.0;
 const MOST_EDGES: f64 = 1e5;
 
 impl Settings {
-    /// Checks every value's range.
+    /// Checks every value's range, those of the collision checks and of the physics rig included.
     ///
     /// # Errors
     /// The first setting out of its range.
     pub fn validate(&self) -> Result<(), SettingsError> {
+        self.signs()?;
+        self.order()?;
+        self.bounded_work()?;
+        self.shares()?;
+        self.headings()?;
+        self.planner.collision.validate().or_else(|e| {
+            wrong(format!("planner.collision.{}", e.field), e.value, format!("from {} to {}", e.min, e.max))
+        })?;
+        match self.simulation.validate() {
+            Err(SimulationError::Setting { name, value, expected }) => {
+                wrong(format!("simulation.{name}"), value, expected)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What has to be positive, and what at least zero.
+    fn signs(&self) -> Result<(), SettingsError> {
         let p = &self.planner;
         let l = &p.lattice;
-        let positive: [(&'static str, f64); 18] = [
+        let positive = [
             ("run.replan_interval", self.run.replan_interval),
             ("run.longest", self.run.longest),
             ("run.rest", self.run.rest),
@@ -68,6 +91,7 @@ impl Settings {
             ("planner.longest_horizon", p.longest_horizon),
             ("planner.lateral_share", p.lateral_share),
             ("planner.stopping_share", p.stopping_share),
+            ("planner.emergency_speed", p.emergency_speed),
             ("planner.restart_lateral", p.restart_lateral),
             ("planner.restart_longitudinal", p.restart_longitudinal),
             ("planner.jerk", p.jerk),
@@ -79,15 +103,18 @@ impl Settings {
             ("planner.lattice.offset_spacing", l.offset_spacing),
             ("planner.lattice.steepest", l.steepest),
         ];
-        for (field, value) in positive {
+        let emergency = p.emergency.iter().enumerate().flat_map(|(i, e)| {
+            [("acceleration", e.acceleration), ("deceleration", e.deceleration)]
+                .map(|(key, value)| (format!("planner.emergency[{i}].{key}"), value))
+        });
+        for (field, value) in positive.map(|(field, value)| (field.to_owned(), value)).into_iter().chain(emergency) {
             if !(value.is_finite() && value > 0.0) {
-                return Err(SettingsError { field, value, expected: "positive and finite" });
+                return wrong(field, value, "positive and finite");
             }
         }
         let corridor = p.refinement.corridor;
         if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
-            let (field, expected) = ("planner.refinement.corridor", "positive, and at most 1 m");
-            return Err(SettingsError { field, value: corridor, expected });
+            return wrong("planner.refinement.corridor", corridor, "positive, and at most 1 m");
         }
         let not_negative = [
             ("planner.refinement.least_gain", p.refinement.least_gain),
@@ -97,83 +124,94 @@ impl Settings {
         ];
         for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
             if !(value.is_finite() && value >= 0.0) {
-                return Err(SettingsError { field, value, expected: "zero or more, and finite" });
+                return wrong(field, value, "zero or more, and finite");
             }
         }
-        // costs are compared in millionths: larger weights would make all of them equal
-        if let Some((field, value)) = l.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
-            return Err(SettingsError { field, value, expected: "at most 1e6" });
-        }
-        if l.longest_edge < l.shortest_edge {
-            let expected = "at least planner.lattice.shortest_edge";
-            return Err(SettingsError { field: "planner.lattice.longest_edge", value: l.longest_edge, expected });
-        }
-        if p.longest_horizon < p.shortest_horizon {
-            let expected = "at least planner.shortest_horizon";
-            return Err(SettingsError { field: "planner.longest_horizon", value: p.longest_horizon, expected });
-        }
-        self.bounded_work()
+        Ok(())
     }
 
-    /// Settings that would make a run endless or fill the memory.
+    /// What has to be no less than another setting.
+    fn order(&self) -> Result<(), SettingsError> {
+        let (p, l) = (&self.planner, &self.planner.lattice);
+        if l.longest_edge < l.shortest_edge {
+            return wrong("planner.lattice.longest_edge", l.longest_edge, "at least planner.lattice.shortest_edge");
+        }
+        if p.longest_horizon < p.shortest_horizon {
+            return wrong("planner.longest_horizon", p.longest_horizon, "at least planner.shortest_horizon");
+        }
+        Ok(())
+    }
+
+    /// Settings that would make a run endless, fill the memory, or leave nothing that can be planned with.
     fn bounded_work(&self) -> Result<(), SettingsError> {
-        let l = &self.planner.lattice;
+        let (p, l) = (&self.planner, &self.planner.lattice);
         let counts = [
             (
                 "planner.lattice.offset_limit",
                 l.offset_limit / l.offset_spacing,
                 "at most 100 times offset_spacing",
+                0.0,
                 100.0,
             ),
-            ("planner.lattice.layers", l.layers as f64, "1 to 20", 20.0),
-            ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1000.0),
-            ("planner.expansions", self.planner.expansions as f64, "1 to 10000000", 1e7),
-            ("planner.refinement.iterations", self.planner.refinement.iterations as f64, "1 to 100", 100.0),
-            ("planner.longest_horizon", self.planner.longest_horizon, "1 to 1000 m", 1000.0),
-            ("run.longest", self.run.longest, "1 to 3600 s", 3600.0),
+            ("planner.lattice.layers", l.layers as f64, "1 to 20", 1.0, 20.0),
+            ("planner.lattice.root_layers", l.root_layers as f64, "1 to 20", 1.0, 20.0),
+            ("planner.lattice.grid", l.grid, "0.5 to 100 m", 0.5, 100.0),
+            ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1.0, 1000.0),
+            ("planner.expansions", p.expansions as f64, "1 to 10000000", 1.0, 1e7),
+            ("planner.refinement.iterations", p.refinement.iterations as f64, "1 to 100", 1.0, 100.0),
+            ("planner.longest_horizon", p.longest_horizon, "1 to 1000 m", 1.0, 1000.0),
+            ("planner.cruise_speed", p.cruise_speed, "at most 150 m/s", 0.0, 150.0),
+            // passengers feel nothing below, and a vehicle that may change its acceleration no faster cannot stop in time
+            ("planner.jerk", p.jerk, "0.1 to 1000 m/s³", 0.1, 1000.0),
+            ("run.longest", self.run.longest, "1 to 3600 s", 1.0, 3600.0),
+            ("run.replan_interval", self.run.replan_interval, "0.01 to 1 s", 0.01, 1.0),
         ];
-        for (field, value, expected, most) in counts {
-            if value > most || (value < 1.0 && field != "planner.lattice.offset_limit") {
-                return Err(SettingsError { field, value, expected });
+        for (field, value, expected, least, most) in counts {
+            if !(least..=most).contains(&value) {
+                return wrong(field, value, expected);
             }
         }
-        // edges between two layers go from every node to every node
-        let nodes = (2.0 * (l.offset_limit / l.offset_spacing).floor() + 1.0) * l.headings.len() as f64;
-        let edges = nodes * nodes * l.layers as f64;
-        if edges > MOST_EDGES {
-            let expected = "at most 100000: more offset_spacing, fewer headings or layers";
-            return Err(SettingsError {
-                field: "planner.lattice: edges, (offsets × headings)² × layers,",
-                value: edges,
-                expected,
-            });
-        }
-        if !(1..=9).contains(&l.headings.len()) {
-            let value = l.headings.len() as f64;
-            return Err(SettingsError { field: "planner.lattice.headings", value, expected: "1 to 9 headings" });
-        }
-        if let Some(&value) = l.headings.iter().find(|h| h.is_nan() || h.abs() > 1.0) {
-            return Err(SettingsError { field: "planner.lattice.headings", value, expected: "-1 to 1 rad" });
-        }
+        Ok(())
+    }
+
+    fn shares(&self) -> Result<(), SettingsError> {
         let shares = [
             ("planner.lateral_share", self.planner.lateral_share),
             ("planner.stopping_share", self.planner.stopping_share),
             ("planner.refinement.least_gain", self.planner.refinement.least_gain),
         ];
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
-            return Err(SettingsError { field, value, expected: "at most 1" });
+            return wrong(field, value, "at most 1");
         }
-        if self.planner.cruise_speed > 150.0 {
-            let value = self.planner.cruise_speed;
-            return Err(SettingsError { field: "planner.cruise_speed", value, expected: "at most 150 m/s" });
+        // costs are compared in millionths: larger weights would make all of them equal
+        match self.planner.lattice.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
+            Some((field, value)) => wrong(field, value, "at most 1e6"),
+            None => Ok(()),
         }
-        if self.run.replan_interval < 0.01 || self.run.replan_interval > 1.0 {
-            let value = self.run.replan_interval;
-            return Err(SettingsError { field: "run.replan_interval", value, expected: "0.01 to 1 s" });
+    }
+
+    /// Headings of the lattice's nodes: some, each once, and not too many for the number of edges.
+    fn headings(&self) -> Result<(), SettingsError> {
+        let l = &self.planner.lattice;
+        let count = l.headings.len();
+        if !(1..=9).contains(&count) {
+            return wrong("number of planner.lattice.headings", count as f64, "1 to 9; [0.0] is along the road alone");
         }
-        let emergency = self.planner.emergency.iter().flat_map(|e| [e.acceleration, e.deceleration]);
-        if let Some(value) = emergency.chain([self.planner.emergency_speed]).find(|d| !(d.is_finite() && *d > 0.0)) {
-            return Err(SettingsError { field: "planner.emergency", value, expected: "positive and finite" });
+        for (i, &heading) in l.headings.iter().enumerate() {
+            let field = || format!("planner.lattice.headings[{i}]");
+            if !(-1.0..=1.0).contains(&heading) {
+                return wrong(field(), heading, "from -1 to 1 rad");
+            }
+            if l.headings[..i].contains(&heading) {
+                return wrong(field(), heading, "another heading than those before it");
+            }
+        }
+        // edges between two layers go from every node to every node
+        let nodes = (2.0 * (l.offset_limit / l.offset_spacing).floor() + 1.0) * count as f64;
+        let edges = nodes * nodes * l.layers as f64;
+        if edges > MOST_EDGES {
+            let field = "planner.lattice: edges, (offsets × headings)² × layers,";
+            return wrong(field, edges, "at most 100000: more offset_spacing, fewer headings or layers");
         }
         Ok(())
     }
@@ -212,13 +250,53 @@ mod tests {
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
     }
 
+    /// The complaint about a TOML text.
+    fn complaint(text: &str) -> String {
+        let settings: Settings = toml::from_str(text).unwrap();
+        settings.validate().expect_err(text).to_string()
+    }
+
+    #[test]
+    fn settings_of_the_rig_and_of_the_collision_checks_are_checked_with_the_rest() {
+        let simulation = complaint("[simulation]\nstep = 0.5");
+        assert_eq!(simulation, "setting `simulation.step` is 0.5, it must be from 0.00001 to 0.002 s");
+        let collision = complaint("[planner.collision]\nspacing = nan");
+        assert_eq!(collision, "setting `planner.collision.spacing` is NaN, it must be from 0.01 to 2");
+        let margin = complaint("[planner.collision.static_obstacles]\nlateral = -1.0\nlongitudinal = 0.0");
+        assert!(margin.contains("`planner.collision.static_obstacles.lateral` is -1"), "{margin}");
+    }
+
+    #[test]
+    fn headings_are_some_finite_and_each_there_once() {
+        let of = |headings: &str| complaint(&format!("[planner.lattice]\nheadings = {headings}"));
+        assert!(of("[]").contains("number of planner.lattice.headings` is 0, it must be 1 to 9"), "{}", of("[]"));
+        assert!(of("[0.0, nan]").contains("planner.lattice.headings[1]` is NaN, it must be from -1 to 1 rad"));
+        assert!(of("[0.0, 2.0]").contains("headings[1]` is 2"));
+        assert!(of("[0.1, 0.0, 0.1]").contains("headings[2]` is 0.1, it must be another heading"));
+        assert!(of("[0.0, -0.0]").contains("another heading"));
+        let ten: Vec<f64> = (0..10).map(|i| 0.01 * f64::from(i)).collect();
+        assert!(of(&format!("{ten:?}")).contains("is 10, it must be 1 to 9"));
+    }
+
+    #[test]
+    fn absurdly_small_values_are_refused_with_the_range() {
+        for (text, range) in [
+            ("[planner]\njerk = 1e-9", "0.1 to 1000 m/s³"),
+            ("[planner.lattice]\ngrid = 1e-6", "0.5 to 100 m"),
+            ("[planner.lattice]\nroot_layers = 0", "1 to 20"),
+            ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 0.0", "planner.emergency[0].deceleration"),
+        ] {
+            assert!(complaint(text).contains(range), "{}", complaint(text));
+        }
+    }
+
     #[test]
     fn every_weight_is_checked() {
         for (name, _) in crate::lattice::Weights::default().named() {
             for wrong in ["-0.001", "nan", "inf", "1.1e6"] {
                 let (table, key) = name.rsplit_once('.').unwrap();
                 let settings: Settings = toml::from_str(&format!("[{table}]\n{key} = {wrong}")).unwrap();
-                assert_eq!(settings.validate().map_err(|e| e.field), Err(name), "{name} = {wrong}");
+                assert_eq!(settings.validate().map_err(|e| e.field), Err(name.to_owned()), "{name} = {wrong}");
             }
             let (table, key) = name.rsplit_once('.').unwrap();
             let off: Settings = toml::from_str(&format!("[{table}]\n{key} = 0.0")).unwrap();

@@ -1,10 +1,49 @@
-//! Output files that are whole or not there: written under a temporary name in the same folder, then renamed.
+//! Input files that end, and output files that are whole or not there.
 //!
-//! A reader of the file never sees half of it, and a program that is stopped leaves the old file as it was. What is not
+//! Inputs are read up to a limit: what never ends (a device, a pipe) is told, not read until the memory is full.
+//!
+//! Outputs are written under a temporary name in the same folder, then renamed. A reader of the file never sees half of it, and a program that is stopped leaves the old file as it was. What is not
 //! a regular file (a terminal, a pipe, the null device) is written to directly.
 
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
+
+/// Why an input file could not be read, whatever is in it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum InputError {
+    /// The operating system refused.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: std::io::Error,
+    },
+    /// The file is larger than any sound one, or never ends.
+    #[error("{}: larger than {limit} bytes, expected no more of such a file", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The limit, bytes.
+        limit: u64,
+    },
+}
+
+/// The bytes of an input file.
+///
+/// # Errors
+/// The file cannot be read, or has more than `limit` bytes.
+pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InputError> {
+    let unreadable = |source| InputError::Unreadable { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(unreadable)?;
+    file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(unreadable)?;
+    if bytes.len() as u64 > limit {
+        return Err(InputError::TooLarge { path: path.to_owned(), limit });
+    }
+    Ok(bytes)
+}
 
 /// Why a file could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -104,6 +143,26 @@ mod tests {
             std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
+    }
+
+    #[test]
+    fn an_input_is_read_up_to_its_limit_and_named_beyond_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("in.bin");
+        std::fs::write(&path, b"12345").unwrap();
+        assert_eq!(read(&path, 5).unwrap(), b"12345");
+        let error = read(&path, 4).unwrap_err().to_string();
+        assert!(error.contains("in.bin: larger than 4 bytes"), "{error}");
+        for none in [folder.path().join("none"), folder.path().to_owned()] {
+            let error = read(&none, 5).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{}: cannot be read: ", none.display())), "{error}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_that_never_ends_is_told() {
+        assert!(matches!(read(Path::new("/dev/zero"), 1000), Err(InputError::TooLarge { limit: 1000, .. })));
     }
 
     #[test]

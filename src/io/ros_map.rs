@@ -16,12 +16,12 @@
 //!
 //! Weak where 16-bit images are used: they are read as 8 bits, which is what the format's thresholds are for.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use image::{GenericImageView as _, ImageReader, Limits};
 use serde_saphyr::Spanned;
 
+use super::files::{self, InputError};
 use crate::geometry::Pose;
 use crate::map::{Cell, OccupancyGrid};
 
@@ -36,22 +36,9 @@ const MAX_IMAGE: u64 = 256 << 20;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The operating system refused.
-    #[error("{file}: cannot be read: {source}")]
-    Io {
-        /// The file.
-        file: String,
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// The file never seems to end.
-    #[error("{file}: larger than {limit} bytes")]
-    TooLarge {
-        /// The file.
-        file: String,
-        /// The limit, bytes.
-        limit: u64,
-    },
+    /// The file cannot be read, whatever is in it.
+    #[error(transparent)]
+    Input(#[from] InputError),
     /// Not text, not YAML, or without a key that is needed.
     #[error("{file}:{line}: not a map of ROS: {message}")]
     NotAMap {
@@ -161,33 +148,25 @@ impl Meaning {
 /// [`ReadError`]: a file cannot be read, or something in it is not what it has to be.
 pub fn read_file(path: &Path) -> Result<OccupancyGrid, ReadError> {
     let name = path.display().to_string();
-    let yaml = read_bytes(path, MAX_YAML).map_err(|source| ReadError::Io { file: name.clone(), source })?;
-    let yaml = yaml.ok_or_else(|| ReadError::TooLarge { file: name.clone(), limit: MAX_YAML })?;
-    let text = String::from_utf8(yaml).map_err(|e| ReadError::NotAMap {
+    let text = String::from_utf8(files::read(path, MAX_YAML)?).map_err(|e| ReadError::NotAMap {
         file: name.clone(),
         line: 0,
         message: format!("not UTF-8 text: {e}"),
     })?;
-    read(&name, &text, |image| {
-        let beside = path.parent().unwrap_or(Path::new("")).join(image);
-        let too_large = || std::io::Error::other(format!("larger than {MAX_IMAGE} bytes"));
-        read_bytes(&beside, MAX_IMAGE)?.ok_or_else(too_large)
-    })
+    read(&name, &text, |image| files::read(&beside(path, image), MAX_IMAGE))
 }
 
 /// The image that a grid's YAML file names, if it can be read that far: it is an input like the file itself.
 #[must_use]
 pub fn image_of(path: &Path) -> Option<PathBuf> {
-    let yaml = read_bytes(path, MAX_YAML).ok().flatten()?;
+    let yaml = files::read(path, MAX_YAML).ok()?;
     let header: Header = serde_saphyr::from_str(std::str::from_utf8(&yaml).ok()?).ok()?;
-    Some(path.parent().unwrap_or(Path::new("")).join(&header.image.value))
+    Some(beside(path, &header.image.value))
 }
 
-/// The bytes of a file; `None` if there are more than the limit.
-fn read_bytes(path: &Path, limit: u64) -> std::io::Result<Option<Vec<u8>>> {
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
-    Ok((bytes.len() as u64 <= limit).then_some(bytes))
+/// A file by its name in the YAML file: beside that one, unless absolute.
+fn beside(yaml: &Path, image: &str) -> PathBuf {
+    yaml.parent().unwrap_or(Path::new("")).join(image)
 }
 
 /// Reads a grid from the text of a YAML file; `name` stands for the file in messages, `open` gives the bytes of the image
@@ -195,10 +174,10 @@ fn read_bytes(path: &Path, limit: u64) -> std::io::Result<Option<Vec<u8>>> {
 ///
 /// # Errors
 /// As [`read_file`].
-pub fn read(
+pub fn read<E: std::fmt::Display>(
     name: &str,
     yaml: &str,
-    open: impl FnOnce(&str) -> std::io::Result<Vec<u8>>,
+    open: impl FnOnce(&str) -> Result<Vec<u8>, E>,
 ) -> Result<OccupancyGrid, ReadError> {
     let file = name.to_owned();
     let mut options = serde_saphyr::Options::default();
@@ -215,7 +194,7 @@ pub fn read(
         image: header.image.value.clone(),
         message,
     };
-    let bytes = open(&header.image.value).map_err(|e| trouble(format!("cannot be read: {e}")))?;
+    let bytes = open(&header.image.value).map_err(|e| trouble(e.to_string()))?;
     let (width, height, cells) = cells(&bytes, &meaning).map_err(trouble)?;
     OccupancyGrid::new(pose, resolution, width, height, cells).map_err(|e| trouble(e.to_string()))
 }
@@ -276,20 +255,22 @@ fn bad<T>(file: &str, at: &Spanned<T>, element: &'static str, found: String, exp
 
 /// Width, height and cells of an image, the lowest row first.
 fn cells(bytes: &[u8], meaning: &Meaning) -> Result<(usize, usize, Vec<Cell>), String> {
+    let broken = |e: &dyn std::fmt::Display| {
+        format!("{} bytes that are no whole image: {e}; expected a PNG, PGM, PPM or PBM file", bytes.len())
+    };
     let reader = || {
-        let mut reader =
-            ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+        let mut reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| broken(&e))?;
         let mut limits = Limits::default();
         limits.max_alloc = Some(MAX_IMAGE);
         reader.limits(limits);
         Ok::<_, String>(reader)
     };
     // before anything is allocated
-    let (width, height) = reader()?.into_dimensions().map_err(|e| e.to_string())?;
+    let (width, height) = reader()?.into_dimensions().map_err(|e| broken(&e))?;
     if u64::from(width) * u64::from(height) > MAX_CELLS {
-        return Err(format!("{width} × {height} pixels, more than {MAX_CELLS}"));
+        return Err(format!("{width} × {height} pixels, expected at most {MAX_CELLS} in all"));
     }
-    let image = reader()?.decode().map_err(|e| e.to_string())?;
+    let image = reader()?.decode().map_err(|e| broken(&e))?;
     let mut cells = Vec::with_capacity(width as usize * height as usize);
     for row in (0..image.height()).rev() {
         cells.extend((0..image.width()).map(|column| meaning.cell(image.get_pixel(column, row).0)));
@@ -308,7 +289,7 @@ mod tests {
     const PGM: &[u8] = b"P5\n# CREATOR: a test\n3 2\n255\n\x00\x80\xff\xff\xff\x00";
 
     fn read_with(yaml: &str, image: &[u8]) -> Result<OccupancyGrid, ReadError> {
-        read("map.yaml", yaml, |_| Ok(image.to_vec()))
+        read("map.yaml", yaml, |_| Ok::<_, InputError>(image.to_vec()))
     }
 
     fn rows(grid: &OccupancyGrid) -> Vec<String> {
@@ -390,10 +371,12 @@ mod tests {
         let path = folder.path().join("map.yaml");
         std::fs::write(&path, YAML).unwrap();
         let error = read_file(&path).unwrap_err().to_string();
-        assert!(error.contains("map.yaml:1: image \"map.pgm\": cannot be read"), "{error}");
+        let image = folder.path().join("map.pgm");
+        let expected = format!("map.yaml:1: image \"map.pgm\": {}: cannot be read: ", image.display());
+        assert!(error.contains(&expected), "{error}");
         std::fs::write(folder.path().join("map.pgm"), PGM).unwrap();
         assert_eq!(rows(&read_file(&path).unwrap()), ["..#", "#?."]);
-        assert!(matches!(read_file(&folder.path().join("none.yaml")), Err(ReadError::Io { .. })));
+        assert!(matches!(read_file(&folder.path().join("none.yaml")), Err(ReadError::Input(_))));
     }
 
     #[test]
@@ -408,7 +391,9 @@ mod tests {
             assert!(matches!(error, ReadError::Image { line: 1, .. }), "{header}: {error}");
         }
         for none in [&b""[..], b"P5", b"GIF89a", b"P5 0 0 255\n"] {
-            assert!(matches!(read_with(YAML, none), Err(ReadError::Image { .. })), "{none:?}");
+            let error = read_with(YAML, none).unwrap_err().to_string();
+            let named = error.starts_with("map.yaml:1: image \"map.pgm\": ") && error.contains("expected ");
+            assert!(named, "{none:?}: {error}");
         }
     }
 

@@ -8,6 +8,9 @@ pub struct Weights {
     pub offset: f64,
     /// Per 1/m of bending energy ∫κ² ds.
     pub bending: f64,
+    /// Per metre lost where the path bends more than the present speed allows: more than 1, as slowing down and gaining
+    /// speed again lose about as much again.
+    pub slowing: f64,
     /// Per metre of way at zero clearance; falls with the square to nothing at `clearance_wanted`.
     pub clearance: f64,
     /// Clearance that costs nothing, m.
@@ -20,17 +23,18 @@ pub struct Weights {
     pub switching: f64,
     /// Per lane change still needed to stay on the route.
     pub lane_change: f64,
-    /// Per metre that the speed layer falls behind free driving.
+    /// Per metre that the speed layer falls behind free driving, beyond what `slowing` has counted.
     pub delay: f64,
 }
 
 impl Weights {
     /// Every weight with its name in the settings.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 9] {
+    pub fn named(&self) -> [(&'static str, f64); 10] {
         [
             ("planner.lattice.weights.offset", self.offset),
             ("planner.lattice.weights.bending", self.bending),
+            ("planner.lattice.weights.slowing", self.slowing),
             ("planner.lattice.weights.clearance", self.clearance),
             ("planner.lattice.weights.clearance_wanted", self.clearance_wanted),
             ("planner.lattice.weights.lane", self.lane),
@@ -47,6 +51,7 @@ impl Default for Weights {
         Self {
             offset: 0.05,
             bending: 40.0,
+            slowing: 2.0,
             clearance: 0.3,
             clearance_wanted: 0.8,
             lane: 0.15,
@@ -65,6 +70,8 @@ pub struct CostTerms {
     pub offset: f64,
     /// Bending energy.
     pub bending: f64,
+    /// Bends, sharper than the reference line's, that the present speed can't be kept through.
+    pub slowing: f64,
     /// Closeness to static obstacles and the road's edge.
     pub clearance: f64,
     /// Leaving the lane.
@@ -75,17 +82,18 @@ pub struct CostTerms {
     pub switching: f64,
     /// Lane changes to go.
     pub lane_change: f64,
-    /// Falling behind free driving.
+    /// Falling behind free driving, beyond `slowing`.
     pub delay: f64,
 }
 
 impl CostTerms {
     /// Every term with its name in reports.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 8] {
+    pub fn named(&self) -> [(&'static str, f64); 9] {
         [
             ("offset", self.offset),
             ("bending", self.bending),
+            ("slowing", self.slowing),
             ("clearance", self.clearance),
             ("lane", self.lane),
             ("missing", self.missing),
@@ -100,6 +108,7 @@ impl CostTerms {
     pub fn total(&self) -> f64 {
         self.offset
             + self.bending
+            + self.slowing
             + self.clearance
             + self.lane
             + self.missing
@@ -121,6 +130,7 @@ impl CostTerms {
         Self {
             offset: self.offset + other.offset,
             bending: self.bending + other.bending,
+            slowing: self.slowing + other.slowing,
             clearance: self.clearance + other.clearance,
             lane: self.lane + other.lane,
             missing: self.missing + other.missing,
@@ -168,6 +178,7 @@ mod tests {
         for (i, term) in [
             &mut terms.offset,
             &mut terms.bending,
+            &mut terms.slowing,
             &mut terms.clearance,
             &mut terms.lane,
             &mut terms.missing,
@@ -180,9 +191,9 @@ mod tests {
         {
             *term = f64::from(1 << i);
         }
-        assert_eq!(terms.total(), 255.0);
-        assert_eq!(terms.named().map(|t| t.1).iter().sum::<f64>(), 255.0);
+        assert_eq!(terms.total(), 511.0);
+        assert_eq!(terms.named().map(|t| t.1).iter().sum::<f64>(), 511.0);
         assert_eq!(terms.plus(&terms).named().map(|t| t.1), terms.named().map(|t| 2.0 * t.1));
-        assert_eq!((rank(1.0), rank(1.0 + 4e-7), terms.rank()), (1_000_000, 1_000_000, 255_000_000));
+        assert_eq!((rank(1.0), rank(1.0 + 4e-7), terms.rank()), (1_000_000, 1_000_000, 511_000_000));
     }
 }

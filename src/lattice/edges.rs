@@ -4,6 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use super::cost::{CostTerms, Weights};
 use super::counts::NoEdge;
+use super::slowing::{Bends, SAMPLES};
 use super::{Ground, Node, Root, Settings};
 use crate::collision::{Allowance, Blocker, Clearance, StaticHit, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
@@ -24,6 +25,8 @@ pub(super) struct Edge {
     start: Pose,
     /// What it costs at least: the terms that need no collision check.
     pub(super) least: CostTerms,
+    /// How much it bends.
+    bends: Bends,
     /// Whether it ends beside its node, so that no other edge goes on from it.
     pub(super) ends_chain: bool,
     checked: OnceLock<Checked>,
@@ -122,17 +125,23 @@ impl Edge {
         ends_chain: bool,
         settings: &Settings,
     ) -> Self {
-        let least = least_terms(ground, &start, &spiral, (s0, s1), &settings.weights);
+        let (least, bends) = least_terms(ground, &start, &spiral, (s0, s1), &settings.weights);
         Self {
             to: index,
             end_offset: to.offset,
             spiral,
             start,
             least,
+            bends,
             ends_chain,
             checked: OnceLock::new(),
             sweep: OnceLock::new(),
         }
+    }
+
+    /// What it costs at the present speed beyond what it always costs.
+    pub(super) fn slowing(&self, ground: &Ground<'_>, weights: &Weights) -> f64 {
+        weights.slowing * self.bends.slowing(self.spiral.length, ground.full_speed_curvature)
     }
 
     /// The collision check if it was made.
@@ -180,26 +189,28 @@ pub(super) fn closeness(clearance: &Clearance) -> f64 {
     clearance.obstacle.min(clearance.road + ROAD_IS_KINDER)
 }
 
-/// The terms of a spiral that need no collision check. `stations` are about where it begins and ends on the reference
-/// line, m.
+/// The terms of a spiral that need neither a collision check nor the present speed, and how much it bends. `stations` are
+/// about where it begins and ends on the reference line, m.
 pub(super) fn least_terms(
     ground: &Ground<'_>,
     start: &Pose,
     spiral: &CubicSpiral,
     (begins, ends): (f64, f64),
     w: &Weights,
-) -> CostTerms {
+) -> (CostTerms, Bends) {
     let mut terms = CostTerms { bending: w.bending * spiral.bending_energy(), ..CostTerms::default() };
+    let mut curvatures = [(0.0, 0.0); COST_SAMPLES];
     let way = spiral.length / COST_SAMPLES as f64;
-    for (along, point) in spiral.samples(start, COST_SAMPLES).skip(1) {
+    for ((along, point), curvature) in spiral.samples(start, COST_SAMPLES).skip(1).zip(&mut curvatures) {
         let about = begins + (ends - begins) * along / spiral.length;
         let Frenet { s, l } = ground.reference.project_near(point.pose.position, about);
         terms.offset += w.offset * way * l.abs().min(OFFSET_SATURATES).powi(2);
         let (left, right) = ground.reference.lane_bounds(s);
         let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);
         terms.lane += w.lane * way * over;
+        *curvature = (point.curvature, ground.reference.at(s).curvature);
     }
-    terms
+    (terms, Bends::new(curvatures))
 }
 
 /// Nodes within this offset may be missed sideways where the curvature bound bites, m: a tight corner needs some way
@@ -231,4 +242,4 @@ fn slid(root: &Root, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral>
     (found.method == Method::Convex && !winds).then_some(found.spiral)
 }
 /// Samples along an edge for the costs by offset.
-pub(super) const COST_SAMPLES: usize = 6;
+pub(super) const COST_SAMPLES: usize = SAMPLES;

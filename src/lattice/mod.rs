@@ -9,10 +9,13 @@
 //! Where the curvature bound bites on the way from the vehicle, an edge may end beside its node: a convex program slides
 //! its end as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
 //!
+//! Edges are the same at all speeds; what the present speed makes of them is a cost term, `slowing`: the way lost by driving
+//! a bend at what its curvature allows. So ways that the vehicle can drive as it comes are the cheaper ones, and sharper
+//! ones are still found where nothing else gets through.
+//!
 //! Weak spots: one curvature per node and, unless [`Settings::headings`] has more, one heading; edges that the vehicle
-//! could only just drive may be missed. A change of speed that changes the distance between layers makes all edges new.
-//! The lattice knows no speed: what it hands out as cheapest may all be too sharp for the speed driven, at a change of lanes
-//! most of all, and the speed layer then has nothing to choose from.
+//! could only just drive may be missed. Layers lie far apart: a change of lanes between two lengths on offer aims one step of
+//! the offsets beyond its lane and comes back. A change of speed that changes the distance between layers makes all edges new.
 
 mod cost;
 mod counts;
@@ -20,6 +23,7 @@ mod edges;
 mod layers;
 pub mod refine;
 mod search;
+mod slowing;
 mod store;
 
 pub use cost::{CostTerms, Weights, rank};
@@ -132,6 +136,9 @@ pub struct Ground<'a> {
     pub world: &'a CollisionWorld,
     /// Largest curvature that edges may have anywhere, 1/m.
     pub max_curvature: f64,
+    /// Largest curvature that can be driven at the present speed, 1/m: the lateral acceleration that plans may use, by the
+    /// square of the speed; infinite at rest. What bends more costs [`CostTerms::slowing`].
+    pub full_speed_curvature: f64,
     /// Half of the vehicle's width, m.
     pub half_width: f64,
 }
@@ -169,7 +176,8 @@ pub fn search(
     settings: &Settings,
     store: &mut EdgeStore,
 ) -> Found {
-    let question = store::Question { root: root.clone(), speed, horizon };
+    let question =
+        store::Question { root: root.clone(), speed, full_speed_curvature: ground.full_speed_curvature, horizon };
     if let Some(answer) = store.answers.get(&question) {
         return answer;
     }

@@ -1,6 +1,6 @@
 //! The cheapest chains of edges through the layers, with as few collision checks as it takes.
 //!
-//! What an edge costs at least (bending, offset, lane) is known as soon as its spiral is; the collision check, which adds
+//! What an edge costs at least (bending, offset, lane, slowing) is known as soon as its spiral is; the collision check, which adds
 //! the closeness to obstacles and may cut the edge short, costs ten times as much. So the search is lazy (Dellin and
 //! Srinivasa 2016, A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations: LazySP): dynamic
 //! programming over the layers with the costs known so far; the edges of the chains that would be handed out are checked,
@@ -29,21 +29,27 @@ struct Incoming {
     edge: Arc<Edge>,
     /// Index of the node it starts at; `None` from the root.
     from: Option<usize>,
+    /// What it costs at the present speed beyond what it always costs.
+    slowing: f64,
     /// Whether this search has asked for its collision check.
     is_revealed: bool,
 }
 
 impl Incoming {
-    fn new(edge: Arc<Edge>, from: Option<usize>) -> Self {
-        Self { edge, from, is_revealed: false }
+    fn new(edge: Arc<Edge>, from: Option<usize>, ground: &Ground<'_>, settings: &Settings) -> Self {
+        let slowing = edge.slowing(ground, &settings.weights);
+        Self { edge, from, slowing, is_revealed: false }
     }
 
     /// Its cost as far as this search knows it, how far it may be driven, m, and whether another edge can follow.
     fn known(&self) -> (f64, f64, bool) {
         let goes_on = !self.edge.ends_chain;
         match self.edge.checked().filter(|_| self.is_revealed) {
-            Some(checked) => (checked.terms.total(), checked.free_length, goes_on && checked.blocked_by.is_none()),
-            None => (self.edge.least.total(), self.edge.spiral.length, goes_on),
+            Some(checked) => {
+                let goes_on = goes_on && checked.blocked_by.is_none();
+                (checked.terms.total() + self.slowing, checked.free_length, goes_on)
+            }
+            None => (self.edge.least.total() + self.slowing, self.edge.spiral.length, goes_on),
         }
     }
 }
@@ -107,7 +113,7 @@ impl<'a> Search<'a> {
                 let found = search.root_edges(*station, store);
                 search.counts.solved += found.edges.len();
                 search.counts.add(&found.refused);
-                incoming.extend(found.edges.into_iter().map(|edge| Incoming::new(edge, None)));
+                incoming.extend(found.edges.into_iter().map(|edge| Incoming::new(edge, None, ground, settings)));
             }
             search.layers.push(incoming);
         }
@@ -126,7 +132,9 @@ impl<'a> Search<'a> {
         for from in starts {
             let Some(node) = &edges[from] else { continue };
             self.counts.add(&node.refused);
-            incoming.extend(node.edges.iter().map(|edge| Incoming::new(Arc::clone(edge), Some(from))));
+            incoming.extend(
+                node.edges.iter().map(|edge| Incoming::new(Arc::clone(edge), Some(from), self.ground, self.settings)),
+            );
         }
     }
 
@@ -275,7 +283,8 @@ impl<'a> Search<'a> {
     }
 
     fn path(&self, labels: &[Label], end: usize) -> Option<LatticePath> {
-        let edges: Vec<&Edge> = chain(labels, end).map(|(layer, index)| &*self.layers[layer][index].edge).collect();
+        let steps: Vec<&Incoming> = chain(labels, end).map(|(layer, index)| &self.layers[layer][index]).collect();
+        let edges: Vec<&Edge> = steps.iter().map(|step| &*step.edge).collect();
         let checked = edges.iter().map(|edge| edge.checked()).collect::<Option<Vec<_>>>()?;
         let spirals: Vec<_> = self.root.kept.iter().copied().chain(edges.iter().map(|edge| edge.spiral)).collect();
         let terms = checked.iter().fold(CostTerms::default(), |sum, edge| sum.plus(&edge.terms));
@@ -292,7 +301,11 @@ impl<'a> Search<'a> {
             kept: self.root.kept.len(),
             free_length: self.before.length + labels[end].free_length,
             blocked_by: last.blocked_by,
-            terms: CostTerms { missing: self.missing(&labels[end]), ..terms },
+            terms: CostTerms {
+                missing: self.missing(&labels[end]),
+                slowing: steps.iter().map(|step| step.slowing).sum(),
+                ..terms
+            },
             end_offset: edges.last()?.end_offset,
             first_offset: edges.first()?.end_offset,
         })

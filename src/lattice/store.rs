@@ -120,6 +120,7 @@ const NODE_LENGTH: f64 = 0.05;
 pub(super) struct Question {
     pub(super) root: Root,
     pub(super) speed: f64,
+    pub(super) full_speed_curvature: f64,
     pub(super) horizon: f64,
 }
 

@@ -1,7 +1,9 @@
 //! Occupancy grids: square cells that are free, occupied or unknown.
 
 use std::ops::Range;
+use std::sync::Arc;
 
+use super::RoadNetwork;
 use crate::geometry::{Point, Pose};
 
 /// What is known of a cell.
@@ -25,8 +27,8 @@ pub struct OccupancyGrid {
     resolution: f64,
     width: usize,
     height: usize,
-    /// Row by row from the origin's, each from the origin's column.
-    cells: Vec<Cell>,
+    /// Row by row from the origin's, each from the origin's column. Shared: grids are large, and clones common.
+    cells: Arc<[Cell]>,
 }
 
 /// Why cells make no grid.
@@ -39,7 +41,7 @@ pub enum GridError {
     #[error("the origin is not finite")]
     Origin,
     /// More or fewer cells than width times height, or none.
-    #[error("{cells} cells for a width of {width} and a height of {height}")]
+    #[error("{cells} cells for a width of {width} and a height of {height}, expected their product, at least 1")]
     Size {
         /// Cells given.
         cells: usize,
@@ -81,7 +83,7 @@ impl OccupancyGrid {
         if cells.is_empty() || width.checked_mul(height) != Some(cells.len()) {
             return Err(GridError::Size { cells: cells.len(), width, height });
         }
-        Ok(Self { origin, resolution, width, height, cells })
+        Ok(Self { origin, resolution, width, height, cells: cells.into() })
     }
 
     /// Pose of the outer corner of cell (0, 0).
@@ -129,13 +131,25 @@ impl OccupancyGrid {
     /// the very same run. In order of their first row and column.
     #[must_use]
     pub fn blocks(&self, wanted: impl Fn(Cell) -> bool) -> Vec<CellBlock> {
+        self.blocks_within(&CellBlock { columns: 0..self.width, rows: 0..self.height }, wanted)
+    }
+
+    /// [`OccupancyGrid::blocks`] of a part of the grid: rectangles end where it ends.
+    #[must_use]
+    pub fn blocks_within(&self, part: &CellBlock, wanted: impl Fn(Cell) -> bool) -> Vec<CellBlock> {
+        let columns = part.columns.start..part.columns.end.min(self.width);
+        let rows = part.rows.start..part.rows.end.min(self.height);
         let mut blocks: Vec<CellBlock> = Vec::new();
+        if columns.is_empty() {
+            return blocks;
+        }
         // blocks that end with the last row, in order of their columns
         let mut open: Vec<usize> = Vec::new();
-        for (row, cells) in self.cells.chunks_exact(self.width).enumerate() {
+        for row in rows {
+            let cells = &self.cells[row * self.width..][columns.clone()];
             let mut below = open.into_iter().peekable();
             let mut now = Vec::new();
-            let mut column = 0;
+            let mut column = columns.start;
             for run in cells.chunk_by(|a, b| wanted(*a) == wanted(*b)) {
                 let columns = column..column + run.len();
                 column = columns.end;
@@ -156,6 +170,37 @@ impl OccupancyGrid {
         blocks
     }
 
+    /// The part of the grid within `margin` metres of the box, in the grid's directions, around points of the world;
+    /// empty where they are farther away than that, and without a point.
+    #[must_use]
+    pub fn part_around<'a>(&self, points: impl IntoIterator<Item = &'a Point>, margin: f64) -> CellBlock {
+        let empty = (Point::new(f64::INFINITY, f64::INFINITY), Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
+        let around = |(low, high): (Point, Point), p: Point| (low.inf(&p), high.sup(&p));
+        let (low, high) = points.into_iter().map(|p| self.origin.to_local(*p)).fold(empty, around);
+        // casts saturate at zero and at the largest number, and make zero of what is no number
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let cells = |low: f64, high: f64, count: usize| {
+            let (from, to) = ((low - margin) / self.resolution, (high + margin) / self.resolution);
+            (from.floor() as usize).min(count)..(to.ceil() as usize).min(count)
+        };
+        CellBlock { columns: cells(low.x, high.x, self.width), rows: cells(low.y, high.y, self.height) }
+    }
+
+    /// Whether any lanelet's surface lies under the grid, if only in part.
+    #[must_use]
+    pub fn touches(&self, network: &RoadNetwork) -> bool {
+        let far = Point::new(self.width as f64, self.height as f64) * self.resolution;
+        let inside = |p: &Point| (0.0..=far.x).contains(&p.x) && (0.0..=far.y).contains(&p.y);
+        network.lanelets.values().any(|lanelet| {
+            let outline: Vec<Point> = lanelet.outline().iter().map(|p| self.origin.to_local(*p)).collect();
+            let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+            // the outline enters the grid, or the grid lies within the outline
+            outline.iter().any(inside)
+                || edges.into_iter().any(|(a, b)| crosses(*a, *b, far))
+                || lanelet.contains(self.origin.position)
+        })
+    }
+
     /// The corners of a rectangle of cells in the world, counter-clockwise.
     #[must_use]
     pub fn corners(&self, block: &CellBlock) -> [Point; 4] {
@@ -165,6 +210,22 @@ impl OccupancyGrid {
         let (c, r) = (&block.columns, &block.rows);
         [at(c.start, r.start), at(c.end, r.start), at(c.end, r.end), at(c.start, r.end)]
     }
+}
+
+/// Whether a segment meets the rectangle from the origin to `far`: clipped by its four sides (Liang & Barsky 1984).
+fn crosses(a: Point, b: Point, far: Point) -> bool {
+    let (mut from, mut to) = (0.0_f64, 1.0_f64);
+    for (start, along, length) in [(a.x, b.x - a.x, far.x), (a.y, b.y - a.y, far.y)] {
+        if along == 0.0 {
+            if !(0.0..=length).contains(&start) {
+                return false;
+            }
+            continue;
+        }
+        let (one, other) = (-start / along, (length - start) / along);
+        (from, to) = (from.max(one.min(other)), to.min(one.max(other)));
+    }
+    from <= to
 }
 
 #[cfg(test)]
@@ -208,6 +269,48 @@ mod tests {
     }
 
     #[test]
+    fn the_part_around_points_is_that_of_their_box_and_no_more_than_the_grid() {
+        let grid = grid(4, &["....", "....", "....", "...."]);
+        let part = |x: f64, y: f64, margin: f64| grid.part_around(&[Point::new(x, y)], margin);
+        // cells of 0.5 m from (10, 20)
+        assert_eq!(part(11.1, 20.6, 0.0), CellBlock { columns: 2..3, rows: 1..2 });
+        assert_eq!(part(11.1, 20.6, 0.45), CellBlock { columns: 1..4, rows: 0..3 });
+        assert_eq!(part(11.1, 20.6, 100.0), CellBlock { columns: 0..4, rows: 0..4 });
+        for (x, y) in [(0.0, 21.0), (30.0, 21.0), (11.0, 0.0), (11.0, 1e300), (f64::NAN, f64::NAN)] {
+            assert!(grid.blocks_within(&part(x, y, 1.0), |_| true).is_empty(), "({x}, {y})");
+        }
+        assert!(grid.blocks_within(&grid.part_around(&[], 5.0), |_| true).is_empty());
+    }
+
+    #[test]
+    fn a_grid_touches_a_road_that_enters_crosses_or_surrounds_it_and_no_other() {
+        use crate::fixtures::{lanelet, line, network, road};
+        let turned = |x: f64, y: f64, yaw: f64| {
+            OccupancyGrid::new(Pose::new(x, y, yaw), 1.0, 10, 10, vec![Cell::Free; 100]).unwrap()
+        };
+        let lane = road(4.0, 100.0);
+        for (grid, what) in [
+            (turned(95.0, -5.0, 0.0), "the road ends in it"),
+            (turned(50.0, -5.0, 0.0), "the road crosses it"),
+            (turned(50.0, 1.9, 0.0), "the road's side runs along it"),
+            (turned(50.0, -7.0, std::f64::consts::FRAC_PI_4), "a corner reaches over the road's side"),
+        ] {
+            assert!(grid.touches(&lane), "{what}");
+        }
+        let wide = network([lanelet(1, line(&[(0.0, -50.0), (100.0, -50.0)]), line(&[(0.0, 50.0), (100.0, 50.0)]))]);
+        assert!(turned(40.0, 0.0, 0.3).touches(&wide), "it lies within the road");
+        for (grid, what) in [
+            (turned(50.0, 2.1, 0.0), "beside"),
+            (turned(101.0, -5.0, 0.0), "behind the end"),
+            (turned(-20.0, -20.0, 0.0), "before and below"),
+            (turned(-9.0, 1.0, std::f64::consts::FRAC_PI_4), "its box would touch"),
+        ] {
+            assert!(!grid.touches(&lane), "{what}");
+        }
+        assert!(!turned(0.0, 0.0, 0.0).touches(&RoadNetwork::default()));
+    }
+
+    #[test]
     fn what_is_no_grid_is_told() {
         let at = |x: f64| Pose::new(x, 0.0, 0.0);
         let new = |origin, resolution, width, n: usize| {
@@ -222,6 +325,25 @@ mod tests {
     }
 
     proptest! {
+        /// Of a part, the blocks are those of the whole, cut.
+        #[test]
+        fn blocks_of_a_part_are_the_wanted_cells_in_it(
+            seed in prop::collection::vec(any::<bool>(), 48), c in (0..10usize, 0..10usize), r in (0..8usize, 0..8usize),
+        ) {
+            let cells: Vec<Cell> = seed.iter().map(|o| if *o { Cell::Occupied } else { Cell::Free }).collect();
+            let grid = OccupancyGrid::new(Pose::new(0.0, 0.0, 0.0), 1.0, 8, 6, cells).unwrap();
+            let part = CellBlock { columns: c.0..c.1, rows: r.0..r.1 };
+            let blocks = grid.blocks_within(&part, |c| c == Cell::Occupied);
+            let covers = |column, row| blocks.iter().filter(|b| b.columns.contains(&column) && b.rows.contains(&row)).count();
+            for row in 0..6 {
+                for column in 0..8 {
+                    let inside = part.columns.contains(&column) && part.rows.contains(&row);
+                    let wanted = inside && grid.cell(column, row) == Some(Cell::Occupied);
+                    prop_assert_eq!(covers(column, row), usize::from(wanted));
+                }
+            }
+        }
+
         /// The blocks cover the wanted cells, each once, and nothing else.
         #[test]
         fn blocks_are_the_wanted_cells(width in 1..9usize, height in 1..9usize, seed in prop::collection::vec(0..3u8, 64)) {

@@ -36,6 +36,25 @@ pub struct Scenario {
     pub issues: Vec<Issue>,
 }
 
+impl Scenario {
+    /// Lays a grid, read from `file`, over the map. One that lies beside every lanelet has no effect, most likely because
+    /// it is in other coordinates: that is noted as an issue.
+    pub fn overlay(&mut self, grid: OccupancyGrid, file: &str) {
+        if !grid.touches(&self.network) {
+            let (width, height) = (grid.width(), grid.height());
+            let corner = |block: CellBlock| grid.corners(&block)[2];
+            let (near, far) = (grid.origin().position, corner(CellBlock { columns: 0..width, rows: 0..height }));
+            let message = format!(
+                "lies beside the road: no lanelet is under it, from ({:.1}, {:.1}) to ({:.1}, {:.1}); expected a grid in the \
+                 scenario's coordinates; kept, but nothing of it is in the way",
+                near.x, near.y, far.x, far.y
+            );
+            self.issues.push(Issue { line: 0, element: format!("occupancy grid {file}"), message });
+        }
+        self.occupancy = Some(grid);
+    }
+}
+
 /// Something in a file that the reader repaired or left out. The map is still usable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Issue {
@@ -49,6 +68,9 @@ pub struct Issue {
 
 impl std::fmt::Display for Issue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "line {}: {}: {}", self.line, self.element, self.message)
+        match self.line {
+            0 => write!(f, "{}: {}", self.element, self.message),
+            line => write!(f, "line {line}: {}: {}", self.element, self.message),
+        }
     }
 }

@@ -60,6 +60,25 @@ pub struct Lanelet {
 }
 
 impl Lanelet {
+    /// The middle between bounds given by their points: of points that belong together where both bounds have as many,
+    /// else of points at equal shares of the bounds' lengths. `None` if it would be a point.
+    pub(crate) fn centre_line(
+        left_points: &[Point],
+        right_points: &[Point],
+        left: &Polyline,
+        right: &Polyline,
+    ) -> Option<Polyline> {
+        if left_points.len() == right_points.len() {
+            return Polyline::new(left_points.iter().zip(right_points).map(|(l, r)| nalgebra::center(l, r)));
+        }
+        let last = left_points.len().max(right_points.len()) - 1;
+        #[allow(clippy::cast_precision_loss)] // a count of points
+        Polyline::new((0..=last).map(|i| {
+            let share = i as f64 / last as f64;
+            nalgebra::center(&left.at(share * left.length()), &right.at(share * right.length()))
+        }))
+    }
+
     /// The outline, counter-clockwise for a lanelet whose bounds are the right way round: right bound forwards, left
     /// bound backwards. Not closed.
     #[must_use]

@@ -4,7 +4,7 @@ use super::goal::GoalOnLane;
 use super::record::Rejection;
 use super::settings::Settings;
 use crate::collision::{Blocker, CollisionWorld};
-use crate::lattice::LatticePath;
+use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
 use crate::speed::{
@@ -240,9 +240,7 @@ impl Situation<'_> {
     /// Upper bounds at the nodes, by minimum: curvature and steering with a reserve, rules, the goal's time window, the
     /// planned stop.
     fn caps(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
-        let comfort = &self.vehicle.comfort;
-        let planned = self.settings.lateral_share * comfort.lateral_acceleration;
-        let lateral = planned.max(self.settings.lateral_share * self.lateral_limit);
+        let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
         let mut caps = self.hard_limits(path, stations, lateral, STEERING_SHARE);
         if let Some(goal) = &self.goal {
             let in_time = goal.speed_for_window(self.station, self.time).max(SLOWEST_APPROACH);
@@ -276,6 +274,18 @@ impl Situation<'_> {
             self.speed * ramp + 0.5 * a * ramp * ramp + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp);
         self.way_to_goal_stop().map_or(way, |stop| way.min(stop.max(0.0)))
     }
+}
+
+/// Lateral acceleration that speeds are planned for where no path may ask for more than `limit`, m/s²: with a reserve to
+/// the limit, but the comfortable one with its reserve at least.
+pub(super) fn planned_lateral(settings: &Settings, vehicle: &Vehicle, limit: f64) -> f64 {
+    settings.lateral_share * vehicle.comfort.lateral_acceleration.max(limit)
+}
+
+/// What falling behind free driving by `behind` metres costs a path: the speed layer has measured what the lattice's
+/// slowing has estimated, so the two count together as the larger of them.
+pub(super) fn delay(settings: &Settings, behind: f64, terms: &CostTerms) -> f64 {
+    (settings.lattice.weights.delay * behind - terms.slowing).max(0.0)
 }
 
 /// A wait at a safe rest that ends a plan, s: what comes after is planned when its time has come.

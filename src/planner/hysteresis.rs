@@ -13,6 +13,10 @@
 //! largest one, not a mean, because two plans that part late are as different to those who watch as two that part now;
 //! and because the distance that the metric of plan switches counts from costs half a `switching` at least.
 //!
+//! **A way not found again.** The search may miss the way in force in a cycle, because its steps are coarser than the plan
+//! they would have to find. Then every candidate is another way, and the cheapest of them is taken only if it costs less
+//! than going on as planned, which needs no new proof: the plan in force has one up to its rest (`Planner::staying`).
+//!
 //! **At a stop** there is nothing to choose between: in the final approach a plan is left only for one that gets
 //! farther by a metre ([`InForce::is_worth_leaving`]), so that a stop is not re-planned centimetre by centimetre.
 //!
@@ -36,6 +40,8 @@ pub(super) struct InForce<'a> {
 const SPACING: f64 = 5.0;
 /// Departures beyond this cost no more, m: a lane's width is another way, and so is more.
 const ANOTHER_WAY: f64 = 3.5;
+/// A path that departs by less is the way in force found anew, m.
+const SAME_WAY: f64 = 0.5;
 /// Distance to rest within which a stop counts as the final approach, m.
 const FINAL_APPROACH: f64 = 4.0;
 /// Less progress than this is not worth leaving the final approach for, m.
@@ -72,6 +78,21 @@ impl<'a> InForce<'a> {
         Commitment { poses, price, most: ANOTHER_WAY }
     }
 
+    /// Whether a path from here on is another way than the plan in force, not the same one found anew.
+    pub(super) fn is_another_way(&self, path: &Path) -> bool {
+        self.departure(path) > SAME_WAY
+    }
+
+    /// How far the plan in force was driven since it was taken, m.
+    pub(super) fn driven(&self) -> f64 {
+        self.station
+    }
+
+    /// How far it will have come at a time (s of the run), m from here.
+    pub(super) fn progress(&self, time: f64) -> f64 {
+        self.plan.at(time).station - self.station
+    }
+
     /// Whether a plan that comes to rest at a station (m from here) is worth leaving the plan in force for, close to its
     /// stop.
     pub(super) fn is_worth_leaving(&self, rests_at: f64) -> bool {
@@ -83,16 +104,13 @@ impl<'a> InForce<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trajectory::{SpeedKnot, SpeedProfile};
-
-    fn knot(time: f64, station: f64, speed: f64) -> SpeedKnot {
-        SpeedKnot { time, station, speed, acceleration: 0.0, jerk: 0.0 }
-    }
+    use crate::fixtures::{knot, straight};
+    use crate::trajectory::SpeedProfile;
 
     /// Straight on along x in pieces of 20 m, to rest at 60 m.
     fn plan() -> Trajectory {
         let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral::straight(20.0); 4]).unwrap();
-        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 10.0), knot(6.0, 60.0, 0.0)]).unwrap();
+        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 10.0, 0.0), knot(6.0, 60.0, 0.0, 0.0)]).unwrap();
         Trajectory { start_time: 0.0, path, profile }
     }
 
@@ -101,7 +119,7 @@ mod tests {
     }
 
     fn straight_from(x: f64, y: f64, yaw: f64) -> Path {
-        Path::new(Pose::new(x, y, yaw), &[CubicSpiral::straight(60.0)]).unwrap()
+        straight(Pose::new(x, y, yaw), 60.0)
     }
 
     #[test]
@@ -129,6 +147,26 @@ mod tests {
     }
 
     #[test]
+    fn another_way_is_one_that_parts_by_more_than_the_same_way_found_anew() {
+        let plan = plan();
+        let here = seen_from(&plan, 10.0);
+        for side in [-1.0, 1.0] {
+            assert!(!here.is_another_way(&straight_from(10.0, side * 0.4, 0.0)));
+            assert!(here.is_another_way(&straight_from(10.0, side * 0.6, 0.0)));
+        }
+    }
+
+    #[test]
+    fn progress_counts_from_where_the_plan_is_seen_from_and_ends_at_its_rest() {
+        let plan = plan();
+        let here = seen_from(&plan, 10.0);
+        assert_eq!(here.driven(), 10.0);
+        let rests = plan.profile.last().station;
+        assert_eq!(here.progress(100.0), rests - 10.0);
+        assert!(here.progress(2.0) < here.progress(3.0));
+    }
+
+    #[test]
     fn only_real_progress_ends_a_final_approach() {
         let plan = plan();
         let far = seen_from(&plan, 40.0);
@@ -142,7 +180,7 @@ mod tests {
     #[test]
     fn costs_that_waver_by_less_than_twice_the_price_never_change_the_plan() {
         let (a, b) = (straight_from(0.0, 0.0, 0.0), straight_from(0.0, 0.0, 0.02));
-        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 1.0), knot(1.0, 50.0, 0.0)]).unwrap();
+        let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 1.0, 0.0), knot(1.0, 50.0, 0.0, 0.0)]).unwrap();
         let switches = |waver: f64, price: f64| {
             let mut in_force = &a;
             let mut count = 0;

@@ -24,7 +24,7 @@ pub use settings::{EmergencyLimits, Settings};
 
 use std::time::Instant;
 
-use self::candidate::{Evaluation, Proven, Situation};
+use self::candidate::{DELAY_HORIZON, Evaluation, Proven, Situation, delay, planned_lateral};
 use self::hysteresis::InForce;
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
@@ -63,6 +63,8 @@ struct Committed {
     is_proven: bool,
     is_smooth: bool,
     is_refined: bool,
+    /// Its cost without those of falling behind and of leaving the plan before it.
+    way_cost: f64,
 }
 
 /// What proofs may use in one attempt.
@@ -168,7 +170,7 @@ impl<'a> Planner<'a> {
             record.attempt = attempt;
             Some((*rung, self.choose(&start, *rung, &mut record)?))
         });
-        let (decision, blocked) = match choice.filter(|(_, c)| self.is_worth_taking(&start, c, &mut record)) {
+        let (decision, blocked) = match choice.filter(|(rung, c)| self.is_worth_taking(&start, *rung, c, &mut record)) {
             Some((rung, choice)) => {
                 let choice = self.refined(&start, rung, choice, &mut record);
                 record.is_refined = choice.is_refined;
@@ -180,10 +182,13 @@ impl<'a> Planner<'a> {
                 let profile = smooth.unwrap_or_else(|| choice.proven.searched.clone());
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
+                let way_cost = choice.path.terms.total() - choice.path.terms.switching;
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let CycleRecord { is_smooth, is_refined, .. } = record;
                 let deceleration = choice.deceleration;
-                self.committed = Some(Committed { trajectory, deceleration, is_proven: true, is_smooth, is_refined });
+                let is_proven = true;
+                let committed = Committed { trajectory, deceleration, is_proven, is_smooth, is_refined, way_cost };
+                self.committed = Some(committed);
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
@@ -326,10 +331,11 @@ impl<'a> Planner<'a> {
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
         let world = &self.worlds[rung.world];
         let roots = self.roots(start, world);
+        let full_speed_curvature = self.full_speed_curvature(start, rung);
         let weights = self.settings.lattice.weights;
         let in_force = in_force(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let ground = ground(self.vehicle, &lane.reference, world);
+        let ground = ground(self.vehicle, &lane.reference, world, full_speed_curvature);
         // a lane change that the goal needs gets dearer to put off as its time runs out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -352,6 +358,11 @@ impl<'a> Planner<'a> {
         }
         all.sort_by_key(|p| p.terms.rank());
         all
+    }
+
+    /// The curvature that takes all the lateral acceleration that paths are planned for at the speed of the start, 1/m.
+    fn full_speed_curvature(&self, start: &Start, rung: Rung) -> f64 {
+        planned_lateral(self.settings, self.vehicle, rung.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
     fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
@@ -395,7 +406,7 @@ impl<'a> Planner<'a> {
                     }
                     Evaluation::Proven(proven) => {
                         record.expansions += proven.expansions;
-                        note.terms.delay = self.settings.lattice.weights.delay * (free - proven.progress).max(0.0);
+                        note.terms.delay = delay(self.settings, free - proven.progress, &note.terms);
                         note.cost = note.terms.total();
                         if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {
                             let candidate = record.candidates.len();
@@ -446,13 +457,28 @@ impl<'a> Planner<'a> {
     }
 
     /// Whether the plan in force is to be left for the best one found.
-    fn is_worth_taking(&self, start: &Start, choice: &Choice, record: &mut CycleRecord) -> bool {
+    fn is_worth_taking(&self, start: &Start, rung: Rung, choice: &Choice, record: &mut CycleRecord) -> bool {
         let end = choice.proven.searched.last().station;
-        let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| plan.is_worth_leaving(end));
+        let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| {
+            plan.is_worth_leaving(end)
+                && (!plan.is_another_way(&choice.path.path)
+                    || self.staying(start, rung, choice, &plan).is_none_or(|staying| rank(choice.cost) < rank(staying)))
+        });
         if !worth {
             record.reject(choice.candidate, Rejection::InForce);
         }
         worth
+    }
+
+    /// What going on along the plan in force costs, where it is proven by no harder braking than the choice: its way's
+    /// cost as it was when it was chosen, the way that it has come to miss since, and how far it falls behind from here.
+    fn staying(&self, start: &Start, rung: Rung, choice: &Choice, plan: &InForce<'_>) -> Option<f64> {
+        let committed = self.committed.as_ref().filter(|c| c.is_proven && c.deceleration <= choice.deceleration)?;
+        let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
+        let weights = &self.settings.lattice.weights;
+        let behind =
+            self.situation(start, lane, rung).free_progress() - plan.progress(start.point.time + DELAY_HORIZON);
+        Some(committed.way_cost + weights.missing * plan.driven() + weights.delay * behind.max(0.0))
     }
 
     /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
@@ -481,7 +507,8 @@ impl<'a> Planner<'a> {
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
-                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false }
+                let way_cost = 0.0;
+                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false, way_cost }
             }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
@@ -544,9 +571,14 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
 }
 
 /// What the lattice of a lane is built on.
-fn ground<'a>(vehicle: &Vehicle, reference: &'a ReferenceLine, world: &'a CollisionWorld) -> Ground<'a> {
+fn ground<'a>(
+    vehicle: &Vehicle,
+    reference: &'a ReferenceLine,
+    world: &'a CollisionWorld,
+    full_speed_curvature: f64,
+) -> Ground<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
-    Ground { reference, world, max_curvature, half_width }
+    Ground { reference, world, max_curvature, full_speed_curvature, half_width }
 }
 
 /// The plan in force, if planning starts on it.

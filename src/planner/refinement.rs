@@ -9,7 +9,7 @@
 
 use std::time::Instant;
 
-use super::candidate::{Evaluation, Proven};
+use super::candidate::{Evaluation, Proven, delay};
 use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
@@ -49,7 +49,7 @@ impl Planner<'_> {
         let commitment = in_force(self.committed.as_ref(), start)
             .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.switching));
         let mut path = refined(
-            &ground(self.vehicle, &lane.reference, world),
+            &ground(self.vehicle, &lane.reference, world, self.full_speed_curvature(start, rung)),
             &choice.path,
             &allowance_at(world, &start.point),
             self.vehicle.front_overhang_from_rear_axle(),
@@ -66,7 +66,7 @@ impl Planner<'_> {
             }
             Evaluation::Proven(proven) => {
                 record.expansions += proven.expansions;
-                let delay = weights.delay * (situation.free_progress() - proven.progress).max(0.0);
+                let delay = delay(self.settings, situation.free_progress() - proven.progress, &path.terms);
                 let cost = path.terms.total() + delay;
                 let is_slower = proven.progress + ON_TIME < choice.proven.progress;
                 (!is_slower && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))

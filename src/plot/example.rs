@@ -1,21 +1,20 @@
 //! A hand-made run for the tests of pictures and recordings: a two-lane road, a parked car to pass, a car in the other
 //! lane, a pedestrian, a stop line at the end.
 
-use std::collections::BTreeMap;
-
 use crate::drive::{Outcome, Run};
+use crate::fixtures::{self, knot};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::lattice::CostTerms;
 use crate::map::{
-    Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part,
-    PlanningProblem, RoadNetwork, Scenario, Shape, StopLine, TimedOccupancy, TimedPose,
+    Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part, PlanningProblem, Scenario, Shape, StopLine,
+    TimedOccupancy, TimedPose,
 };
 use crate::planner::{Candidate, Cycle, Decision, Rejection, StageSeconds};
 use crate::simulation::{Log, Sample};
-use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
+use crate::trajectory::{Path, SpeedProfile, Trajectory};
+use crate::vehicle::{Comfort, Footprint, Vehicle};
 use crate::verdict::{Check, Verdict};
 
 /// Everything that a [`Run`] borrows.
@@ -49,18 +48,11 @@ impl Example {
         other.adjacent_right = Some(right);
         let mut pavement = lanelet(3, -3.0);
         pavement.types = vec!["sidewalk".into()];
-        let lanelets = BTreeMap::from([(1, lane), (2, other), (3, pavement)]);
-        let network = RoadNetwork { lanelets, ..RoadNetwork::default() };
         let vehicle = car();
         let scenario = Scenario {
             id: "HandMade_ParkedCar-1_1".into(),
-            version: "2020a".into(),
-            time_step: 0.1,
-            network,
-            obstacles: obstacles(),
-            occupancy: None,
             problems: vec![problem(&vehicle)],
-            issues: Vec::new(),
+            ..fixtures::scenario(fixtures::network([lane, other, pavement]), obstacles())
         };
         Self { scenario, vehicle }
     }
@@ -84,21 +76,8 @@ impl Example {
 fn lanelet(id: i64, middle: f64) -> Lanelet {
     let half = if id == 3 { 1.25 } else { 1.75 };
     let line = |y: f64| Polyline::new((0..=26).map(|i| at(-20.0 + 6.0 * f64::from(i), y))).unwrap();
-    Lanelet {
-        id,
-        left: line(middle + half),
-        right: line(middle - half),
-        centre: line(middle),
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec!["urban".into()],
-    }
+    let bounded = fixtures::lanelet(id, line(middle - half), line(middle + half));
+    Lanelet { types: vec!["urban".into()], ..bounded }
 }
 
 fn obstacles() -> Vec<Obstacle> {
@@ -113,7 +92,6 @@ fn obstacles() -> Vec<Obstacle> {
         });
         Motion::Trajectory(states.collect())
     };
-    let circle = Shape { parts: vec![Part::Circle { centre: Point::origin(), radius: 0.35 }] };
     let corners = [(100.0, -4.2), (106.0, -4.2), (106.0, -1.75), (103.0, -2.8)].map(|(x, y)| at(x, y));
     let sets = (0..80).map(|i| {
         let from = 0.1 * f64::from(i);
@@ -121,105 +99,33 @@ fn obstacles() -> Vec<Obstacle> {
         let region = Shape { parts: vec![Part::Rectangle { centre, length: 4.0 + 0.5 * from, width: 2.5 }] };
         TimedOccupancy { from, to: from + 0.1, region }
     });
+    let of_kind = |kind, id, shape, motion| Obstacle { kind, ..fixtures::obstacle(id, shape, motion) };
+    let (in_the_way, still) = (Pose { position: at(47.0, -0.8), yaw: 0.03 }, Motion::Static(Pose::new(0.0, 0.0, 0.0)));
+    let island = Shape { parts: vec![Part::Polygon { vertices: corners.to_vec() }] };
     vec![
-        Obstacle {
-            id: 31,
-            kind: ObstacleKind::ParkedVehicle,
-            shape: Shape::rectangle(4.6, 1.9),
-            motion: Motion::Static(Pose { position: at(47.0, -0.8), yaw: 0.03 }),
-        },
-        Obstacle {
-            id: 32,
-            kind: ObstacleKind::Vehicle,
-            shape: Shape::rectangle(4.4, 1.8),
-            motion: moving(25.0, 3.5, 11.0, 0.0, 70),
-        },
-        Obstacle { id: 33, kind: ObstacleKind::Pedestrian, shape: circle, motion: moving(90.0, -3.5, 0.0, 0.9, 110) },
-        Obstacle {
-            id: 34,
-            kind: ObstacleKind::Structure,
-            shape: Shape { parts: vec![Part::Polygon { vertices: corners.to_vec() }] },
-            motion: Motion::Static(Pose::new(0.0, 0.0, 0.0)),
-        },
-        Obstacle {
-            id: 35,
-            kind: ObstacleKind::Bicycle,
-            shape: Shape::rectangle(1.8, 0.7),
-            motion: Motion::Occupancy(sets.collect()),
-        },
+        fixtures::parked(31, in_the_way, 4.6, 1.9),
+        of_kind(ObstacleKind::Vehicle, 32, Shape::rectangle(4.4, 1.8), moving(25.0, 3.5, 11.0, 0.0, 70)),
+        of_kind(ObstacleKind::Pedestrian, 33, fixtures::circle(0.35), moving(90.0, -3.5, 0.0, 0.9, 110)),
+        of_kind(ObstacleKind::Structure, 34, island, still),
+        of_kind(ObstacleKind::Bicycle, 35, Shape::rectangle(1.8, 0.7), Motion::Occupancy(sets.collect())),
     ]
 }
 
 fn problem(vehicle: &Vehicle) -> PlanningProblem {
     let start = Pose { position: at(2.0, 0.0), yaw: 0.0 };
-    let region = Part::Rectangle { centre: Pose { position: at(80.0, 0.0), yaw: 0.0 }, length: 10.0, width: 3.0 };
-    PlanningProblem {
-        id: 1,
-        initial: InitialState {
-            centre: vehicle.centre_of_rear_axle(&start),
-            speed: SPEED,
-            acceleration: 0.0,
-            yaw_rate: 0.0,
-            time_step: 0,
-        },
-        goals: vec![Goal {
-            position: Some(GoalPosition::Shapes(Shape { parts: vec![region] })),
-            time: Interval { min: 0.0, max: 20.0 },
-            speed: None,
-            yaw: None,
-        }],
-    }
+    let goal = fixtures::goal(Pose { position: at(80.0, 0.0), yaw: 0.0 }, 10.0, 3.0, 20.0);
+    fixtures::problem(vehicle.centre_of_rear_axle(&start), SPEED, goal)
 }
 
 fn car() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        footprint: Footprint::rectangle(4.508, 1.61, 1.4),
-        length: 4.508,
-        width: 1.61,
-        wheelbase: 2.578,
-        rear_axle_to_centre: 1.4,
-        rear_axle_to_mass: 1.422,
-        mass_height: 0.574,
-        track_width: 1.4,
-        mass: 1093.3,
-        yaw_inertia: 1791.6,
-        wheel_radius: 0.344,
-        wheel_inertia: 1.7,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 5.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.319,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0489,
-            cornering_front: 20.9,
-            cornering_rear: 20.9,
-            longitudinal: 20.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.012,
-            drag: 0.4,
-        },
-        actuators: Actuators {
-            drive_lag: 0.2,
-            brake_lag: 0.1,
-            steering_lag: 0.1,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 2.0,
-            deceleration: 2.0,
-            aggressive_deceleration: 4.0,
-            lateral_acceleration: 2.0,
-            jerk: 5.0,
-        },
-    }
+    let comfort = Comfort {
+        acceleration: 2.0,
+        deceleration: 2.0,
+        aggressive_deceleration: 4.0,
+        lateral_acceleration: 2.0,
+        jerk: 5.0,
+    };
+    Vehicle { comfort, wheelbase: 2.578, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.4)) }
 }
 
 /// A path that goes straight, passes on the left and comes back; `bend` is the curvature of the lane changes.
@@ -230,10 +136,6 @@ fn passing(bend: f64, straight: f64) -> Path {
     let pieces =
         [spiral([0.0; 4], straight), shift(bend), spiral([0.0; 4], 10.0), shift(-bend), spiral([0.0; 4], 20.0)];
     Path::new(start, &pieces).unwrap()
-}
-
-fn knot(time: f64, station: f64, speed: f64, acceleration: f64) -> SpeedKnot {
-    SpeedKnot { time, station, speed, acceleration, jerk: 0.0 }
 }
 
 /// Holds the speed, then brakes evenly to rest.
@@ -266,9 +168,8 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         rejected,
     });
     let kept = index == 8;
+    let committed = Trajectory { start_time: time, path: driven.path.clone(), profile };
     Cycle {
-        time,
-        committed: Trajectory { start_time: time, path: driven.path.clone(), profile },
         decision: if kept { Decision::KeepLast } else { Decision::NewPlan { deceleration: 3.5 } },
         reference: (0..=30).map(|i| at(2.0 + 3.0 * f64::from(i), 0.0)).collect(),
         candidates: candidates.collect(),
@@ -277,11 +178,9 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
             .map(|t| ((now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t), (time + t, time + t + 0.5)))
             .collect(),
         chosen: (!kept).then_some(0),
-        edges: Default::default(),
         expansions: 120,
-        is_smooth: true,
-        is_refined: false,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
+        ..fixtures::cycle(time, committed)
     }
 }
 

@@ -45,7 +45,7 @@ fn lines(run: &Run) -> Vec<Line> {
     }
     let log = &run.log;
     if let Some(contact) = log.contact {
-        let text = format!("contact with obstacle {} at {:.2} m/s", contact.obstacle, contact.speed);
+        let text = format!("contact with {} at {:.2} m/s", contact.with, contact.speed);
         lines.push(Line { time: contact.time, level: TextLogLevel::ERROR, text });
     }
     if let Some(time) = log.broke_at {

@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn beside_a_straight_line_the_forms_are_those_of_the_plane() {
-        let line = line(&crate::route::tests::two_lane_road(3), &[100, 101, 102]);
+        let line = line(&crate::fixtures::two_lane_road(3), &[100, 101, 102]);
         let state = CartesianState { pose: Pose::new(40.0, 1.2, 0.3), speed: 9.0, acceleration: -1.5, curvature: 0.02 };
         let f = line.project_state(&state).unwrap();
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} instead of {b}");

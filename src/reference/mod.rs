@@ -314,8 +314,8 @@ fn offsets(line: &Polyline, points: &[Point]) -> Vec<f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::map::Scenario;
-    use crate::route::tests::{lanelet, two_lane_road};
+    use crate::fixtures::{lanelet, network, two_lane_road};
+    use crate::map::{Lanelet, Scenario};
     use std::path::{Path, PathBuf};
 
     /// The folder of real files, if it is there; says so if not.
@@ -349,9 +349,7 @@ pub(crate) mod tests {
         let normals = smooth::normals(points);
         let side =
             |offset: f64| Polyline::new(points.iter().zip(&normals).map(|(p, n)| p + n * offset + origin)).unwrap();
-        let mut network = RoadNetwork::default();
-        network.lanelets.insert(1, lanelet(1, side(1.75), side(-1.75), side(0.0)));
-        network
+        network([Lanelet { centre: side(0.0), ..lanelet(1, side(-1.75), side(1.75)) }])
     }
 
     /// Straight, a left turn by 90° with the given radius in steps of half a metre, straight.

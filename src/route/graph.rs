@@ -119,8 +119,8 @@ impl LaneGraph {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::two_lane_road;
     use super::*;
+    use crate::fixtures::two_lane_road;
     use proptest::prelude::*;
 
     #[test]

@@ -308,64 +308,18 @@ fn goal_on_chain(
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
+    use crate::fixtures::{self, follow, lanelet, two_lane_road};
     use crate::geometry::polyline::Polyline;
-    use crate::map::{GoalPosition, Lanelet, Neighbour, Part, Shape};
-
-    /// A straight lanelet 3.5 m wide about y = `y`, from x = `from` to `to`.
-    pub(crate) fn straight(id: LaneletId, from: f64, to: f64, y: f64) -> Lanelet {
-        let line = |offset: f64| Polyline::new([Point::new(from, y + offset), Point::new(to, y + offset)]).unwrap();
-        lanelet(id, line(1.75), line(-1.75), line(0.0))
-    }
-
-    pub(crate) fn lanelet(id: LaneletId, left: Polyline, right: Polyline, centre: Polyline) -> Lanelet {
-        Lanelet {
-            id,
-            left,
-            right,
-            centre,
-            successors: Vec::new(),
-            predecessors: Vec::new(),
-            adjacent_left: None,
-            adjacent_right: None,
-            speed_limit: None,
-            stop_line: None,
-            signs: Vec::new(),
-            lights: Vec::new(),
-            types: Vec::new(),
-        }
-    }
-
-    pub(crate) fn follow(network: &mut RoadNetwork, from: LaneletId, to: LaneletId) {
-        network.lanelets.get_mut(&from).unwrap().successors.push(to);
-        network.lanelets.get_mut(&to).unwrap().predecessors.push(from);
-    }
-
-    /// Lanes 100… (right, y = 0) and 200… (left, y = 3.5), of `count` lanelets of 50 m each.
-    pub(crate) fn two_lane_road(count: i64) -> RoadNetwork {
-        let mut network = RoadNetwork::default();
-        for i in 0..count {
-            let x = 50.0 * i as f64;
-            let (mut right, mut left) = (straight(100 + i, x, x + 50.0, 0.0), straight(200 + i, x, x + 50.0, 3.5));
-            right.adjacent_left = Some(Neighbour { id: 200 + i, same_direction: true });
-            left.adjacent_right = Some(Neighbour { id: 100 + i, same_direction: true });
-            network.lanelets.extend([(right.id, right), (left.id, left)]);
-        }
-        for i in 1..count {
-            follow(&mut network, 99 + i, 100 + i);
-            follow(&mut network, 199 + i, 200 + i);
-        }
-        network
-    }
+    use crate::map::{GoalPosition, Lanelet};
 
     fn goal_at(x: f64, y: f64) -> Goal {
-        let part = Part::Rectangle { centre: Pose::new(x, y, 0.0), length: 10.0, width: 3.0 };
-        goal(Some(GoalPosition::Shapes(Shape { parts: vec![part] })))
+        fixtures::goal(Pose::new(x, y, 0.0), 10.0, 3.0, 10.0)
     }
 
     fn goal(position: Option<GoalPosition>) -> Goal {
-        Goal { position, time: Interval { min: 0.0, max: 10.0 }, speed: None, yaw: None }
+        Goal { position, ..goal_at(0.0, 0.0) }
     }
 
     fn found(outcome: RouteOutcome) -> Route {
@@ -434,7 +388,8 @@ pub(crate) mod tests {
             }))
             .unwrap()
         };
-        network.lanelets.insert(300, lanelet(300, bend(1.75), bend(-1.75), bend(0.0)));
+        let side_road = Lanelet { centre: bend(0.0), ..lanelet(300, bend(-1.75), bend(1.75)) };
+        network.lanelets.insert(300, side_road);
         network.lanelets.get_mut(&100).unwrap().successors.insert(0, 300);
         let settings = RouteSettings { look_ahead: 100.0, ..RouteSettings::default() };
         let start = Pose::new(10.0, 0.0, 0.0);
@@ -454,7 +409,8 @@ pub(crate) mod tests {
         let line = |offset: f64| {
             Polyline::new([0.0, 40.0].map(|s| Point::new(s * cos - offset * sin, s * sin + offset * cos))).unwrap()
         };
-        network.lanelets.insert(400, lanelet(400, line(1.75), line(-1.75), line(0.0)));
+        let across = Lanelet { centre: line(0.0), ..lanelet(400, line(-1.75), line(1.75)) };
+        network.lanelets.insert(400, across);
         let plan_at = |yaw: f64, goals: &[Goal]| {
             let route = found(plan(&network, &Pose::new(2.0, 0.3, yaw), goals, &RouteSettings::default()));
             route.lanelets[0]

@@ -3,13 +3,14 @@
 //! The world is seen from above, without gravity. The chassis is one rigid body with the vehicle's mass and yaw inertia
 //! and the parts of the footprint as its colliders; four tyres push it (`tyre`, `chassis`), turned, driven and braked by actuators with
 //! lag and limits (`actuators`), which a tracking controller commands (`controller`). Obstacles are colliders: fixed ones,
-//! moving ones on their predicted trajectories, set-based ones as regions for their interval. Nothing pushes back: the
-//! first touch is logged and ends the run.
+//! moving ones on their predicted trajectories, set-based ones as regions for their interval; so are the occupied cells of a
+//! grid (`cells`). Nothing pushes back: the first touch is logged and ends the run.
 //!
 //! Every number comes out the same for the same input: fixed steps, no threads, rapier's `enhanced-determinism`.
 //! The physics has its origin at the start of the run; logs are in world coordinates.
 
 mod actuators;
+mod cells;
 mod chassis;
 mod controller;
 mod convert;
@@ -86,13 +87,31 @@ pub struct Sample {
     pub wanted_station: f64,
 }
 
-/// A contact between the vehicle and an obstacle.
+/// What the vehicle touched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Touched {
+    /// The obstacle with this id.
+    Obstacle(i64),
+    /// An occupied cell of the grid.
+    OccupiedCell,
+}
+
+impl std::fmt::Display for Touched {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Obstacle(id) => write!(f, "obstacle {id}"),
+            Self::OccupiedCell => write!(f, "an occupied cell"),
+        }
+    }
+}
+
+/// A contact between the vehicle and something else.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
     /// Time of the run, s.
     pub time: f64,
-    /// The obstacle's id.
-    pub obstacle: i64,
+    /// What was touched; an obstacle, if an obstacle and a cell at once.
+    pub with: Touched,
     /// Where on the vehicle it struck: the contact's position in the rear-axle frame, m.
     pub at_rear_axle_frame: crate::geometry::Point,
     /// The vehicle's speed at that moment, m/s.

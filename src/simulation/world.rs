@@ -6,13 +6,14 @@ use rapier2d::dynamics::RigidBodyHandle;
 use rapier2d::geometry::ContactPair;
 
 use super::actuators::{ActuatorState, Command};
+use super::cells::{CELL, Cells};
 use super::chassis::{GRAVITY, Motion, RunningGear, Wrench};
 use super::convert::{Frame, point};
 use super::obstacles::{Obstacles, REVIEW};
 use super::physics::{PartCollider, Physics};
-use super::{Contact, Log, Sample, Settings, SimulationError, controller};
+use super::{Contact, Log, Sample, Settings, SimulationError, Touched, controller};
 use crate::geometry::{Point, Pose, Vector, wrap_angle};
-use crate::map::Obstacle;
+use crate::map::{Obstacle, OccupancyGrid};
 use crate::trajectory::{Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
 
@@ -25,6 +26,7 @@ pub struct World {
     physics: Physics,
     frame: Frame,
     obstacles: Obstacles,
+    cells: Option<Cells>,
     chassis: RigidBodyHandle,
     footprint: Vec<PartCollider>,
     gear: RunningGear,
@@ -86,6 +88,7 @@ impl World {
             physics,
             frame,
             obstacles,
+            cells: None,
             chassis,
             footprint,
             gear,
@@ -99,6 +102,14 @@ impl World {
         };
         world.place_obstacles();
         Ok(world)
+    }
+
+    /// The same world with the occupied cells of a grid in it. To be called before the run begins.
+    #[must_use]
+    pub fn with_occupancy(mut self, grid: &OccupancyGrid) -> Self {
+        self.cells = Some(Cells::new(grid));
+        self.review();
+        self
     }
 
     /// Time of the run, s.
@@ -215,23 +226,32 @@ impl World {
         }
     }
 
-    /// Gives the obstacles that exist now their bodies; from time to time, decides which of them are near.
+    /// Gives the obstacles that exist now their bodies; from time to time, decides what is near.
     fn place_obstacles(&mut self) {
-        let time = self.time();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 50 to 10,000 steps: see Settings::validate
         let interval = (REVIEW / self.settings.step) as u64;
         if self.steps.is_multiple_of(interval) {
-            let (pose, motion) = self.measured();
-            let strongest = self.settings.friction_scale * self.vehicle.tyres.friction * GRAVITY;
-            let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
-            // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
-            let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;
-            self.obstacles.review(time, pose.position, self.vehicle.footprint.reach() + travel);
+            self.review();
         }
+        let time = self.time();
         self.obstacles.place(&mut self.physics, time);
     }
 
-    /// The deepest contact with an obstacle of the lowest index, if any is touched.
+    /// Decides which obstacles and cells the vehicle may meet before the next review.
+    fn review(&mut self) {
+        let (pose, motion) = self.measured();
+        let strongest = self.settings.friction_scale * self.vehicle.tyres.friction * GRAVITY;
+        let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
+        // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
+        let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;
+        let reach = self.vehicle.footprint.reach() + travel;
+        self.obstacles.review(self.time(), pose.position, reach);
+        if let Some(cells) = &mut self.cells {
+            cells.review(&mut self.physics, &self.frame, pose.position, reach);
+        }
+    }
+
+    /// The deepest contact with an obstacle of the lowest index, else with a cell, if any is touched.
     fn contact(&self, time: f64, speed: f64) -> Option<Contact> {
         let pairs = self
             .footprint
@@ -239,7 +259,8 @@ impl World {
             .flat_map(|part| self.physics.narrow_phase.contact_pairs_with(part.collider).map(move |pair| (part, pair)));
         let touching = pairs.filter_map(|(part, pair)| self.touch(part, pair));
         let (index, _, at) = touching.min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))?;
-        Some(Contact { time, obstacle: self.obstacles.id(index)?, at_rear_axle_frame: at, speed })
+        let with = if index == CELL { Touched::OccupiedCell } else { Touched::Obstacle(self.obstacles.id(index)?) };
+        Some(Contact { time, with, at_rear_axle_frame: at, speed })
     }
 
     /// What a part touches: the obstacle's index, the distance (negative) and the place in the rear-axle frame.

@@ -329,7 +329,32 @@ mod tests {
             ("<mass value=\"965.710868256\"/>", "<mass value=\"-1\"/>", "link base_link: mass -1"),
             ("<mass value=\"965.710868256\"/>", "<mass value=\"nan\"/>", "link base_link"),
             ("<mass value=\"965.710868256\"/>", "<mass value=\"1e400\"/>", "link base_link"),
-            ("<mass value=\"965.710868256\"/>", "<mass value=\"heavy\"/>", "vehicle.urdf"),
+            (
+                "<mass value=\"965.710868256\"/>",
+                "<mass value=\"heavy\"/>",
+                "link base_link, inertial, mass: value=\"heavy\"; expected a number",
+            ),
+            (
+                "<mass value=\"965.710868256\"/>",
+                "<mass/>",
+                "link base_link, inertial, mass: no value; expected a number",
+            ),
+            ("<mass value=\"965.710868256\"/>", "", "link base_link, inertial: no <mass>"),
+            ("izz=\"1512.7097647948\"", "", "link base_link, inertial, inertia: no izz; expected a number"),
+            (
+                "<axis xyz=\"0 0 1\"/>",
+                "<axis xyz=\"0 1\"/>",
+                "joint front_left_steering, axis: xyz=\"0 1\"; expected three",
+            ),
+            (
+                "<origin xyz=\"2.5789128 0.69342 0.344\"/>",
+                "<origin xyz=\"a b c\"/>",
+                "joint front_left_steering, origin",
+            ),
+            ("type=\"revolute\"", "type=\"hinge\"", "joint front_left_steering: type=\"hinge\"; expected revolute"),
+            ("<child link=\"left_steering_knuckle\"/>", "", "joint front_left_steering: no <child>"),
+            ("<child link=\"left_steering_knuckle\"/>", "<child/>", "joint front_left_steering, child: no link"),
+            ("velocity=\"0.4\"", "", "joint front_left_steering, limit: no velocity; expected a number"),
             ("<mass value=\"31.8960913028\"/>", "<mass value=\"-2\"/>", "link front_left_wheel: mass -2"),
             ("izz=\"1512.7097647948\"", "izz=\"-1\"", "link base_link: yaw inertia -1"),
             ("izz=\"1512.7097647948\"", "izz=\"inf\"", "link base_link"),
@@ -349,6 +374,18 @@ mod tests {
             let message = broken((old, new), same);
             assert!(message.contains(part) && message.contains("vehicle.urdf"), "{new}: {message}");
         }
+        let message = broken(("<mass value=\"965.710868256\"/>", "<mass value=\"heavy\"/>"), same);
+        let line = 1 + bmw().0[..bmw().0.find("<mass value").unwrap()].matches('\n').count();
+        assert!(message.contains(&format!("vehicle.urdf: line {line}: link base_link")), "{message}");
+    }
+
+    /// Elements that other programs read, on links or beside them, are none of our business.
+    #[test]
+    fn extensions_of_other_programs_are_passed_over() {
+        let extensions = "<gazebo reference=\"base_link\"><mass/><origin xyz=\"x\"/></gazebo>\
+                          <transmission name=\"t\"><type>x</type><joint name=\"front_left_axle\"/></transmission></robot>";
+        let urdf = bmw().0.replacen("</robot>", extensions, 1);
+        assemble("x", Path::new("x"), &urdf, bmw().1).unwrap();
     }
 
     const BOX: &str = "<box size=\"4.508 1.61 1.415\"/>";
@@ -443,6 +480,53 @@ mod tests {
         assert!(message.contains("link rack") && message.contains("joint mount"), "{message}");
     }
 
+    /// What turns for ever about the vertical is no wheel, however round it is, and whether or not it has wheels.
+    #[test]
+    fn a_trailer_or_scanner_on_a_continuous_joint_is_no_wheel() {
+        let with = |links: &str| {
+            let urdf = bmw().0.replacen("</robot>", &format!("{links}</robot>"), 1);
+            assemble("x", Path::new("x"), &urdf, bmw().1)
+        };
+        let joint = |name: &str, parent: &str, child: &str, axis: &str, xyz: &str| {
+            format!(
+                "<joint name=\"{name}\" type=\"continuous\"><parent link=\"{parent}\"/><child link=\"{child}\"/>\
+                 <origin xyz=\"{xyz}\"/><axis xyz=\"{axis}\"/></joint>"
+            )
+        };
+        let inertial = "<inertial><mass value=\"20\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"/></inertial>";
+        let link = |name: &str, geometry: &str| {
+            format!("<link name=\"{name}\">{inertial}<collision><geometry>{geometry}</geometry></collision></link>")
+        };
+        let (hitch, deck) =
+            (joint("hitch", "base_link", "trailer", "0 0 1", "-1 0 0.4"), link("trailer", "<box size=\"3 2 1\"/>"));
+        let message = with(&format!("{deck}{hitch}")).unwrap_err().to_string();
+        assert!(
+            message.contains("link trailer: a collision element that joint hitch moves")
+                && message.contains("no trailers"),
+            "{message}"
+        );
+        let wheels = ["0.8", "-0.8"].map(|y| {
+            let name = format!("wheel{y}");
+            let at = format!("-2 {y} 0");
+            link(&name, "<cylinder radius=\"0.3\" length=\"0.2\"/>")
+                + &joint(&format!("axle{y}"), "trailer", &name, "0 1 0", &at)
+        });
+        let message = with(&format!("{deck}{hitch}{}", wheels.concat())).unwrap_err().to_string();
+        assert!(message.contains("joint hitch moves") && message.contains("no trailers"), "{message}");
+        let scanner = joint("spin", "base_link", "scanner", "0 0 1", "1 0 1.5");
+        let round = link("scanner", "<cylinder radius=\"0.05\" length=\"0.1\"/>");
+        let message = with(&format!("{round}{scanner}")).unwrap_err().to_string();
+        assert!(message.contains("link scanner") && message.contains("joint spin"), "{message}");
+        // without an outline it is but a mass that turns
+        let bare = format!("<link name=\"scanner\">{inertial}</link>{scanner}");
+        assert!((with(&bare).unwrap().mass - load("bmw_320i").unwrap().mass - 20.0).abs() < 1e-9);
+        // wheels of a second rear axle are told by name
+        let extra = link("spare", "<cylinder radius=\"0.3\" length=\"0.2\"/>")
+            + &joint("axle", "base_link", "spare", "0 1 0", "0.5 0.7 0.3");
+        let message = with(&extra).unwrap_err().to_string();
+        assert!(message.contains("3 wheel(s)") && message.contains("spare"), "{message}");
+    }
+
     #[test]
     fn round_bodies_are_covered_by_polygons_two_percent_larger() {
         let v = with_geometry("<cylinder radius=\"0.9\" length=\"1.2\"/>", &[]).unwrap();
@@ -510,17 +594,22 @@ mod tests {
             ("<mesh filename=\"mm.obj\"/>", "in millimetres"),
             ("<mesh filename=\"mm.obj\" scale=\"0 1 1\"/>", "collision 1: scale 0 1 1"),
             ("<mesh filename=\"mm.obj\" scale=\"1e300 1e300 1\"/>", "link base_link, collision 1"),
-            (many, "link base_link: a footprint with 41 parts"),
+            (many, "link base_link: a footprint with 41 parts, 32 at most are understood; expected fewer"),
         ] {
             let Err(error) = with_geometry(geometry, &files) else { panic!("accepted {geometry}") };
             let message = error.to_string();
             assert!(message.contains(part) && message.contains("vehicle.urdf"), "{geometry}: {message}");
+            let is_far = geometry.contains("mm.obj\"/>") || geometry.contains("400") || geometry.contains("1e300");
+            assert_eq!(message.contains("in millimetres"), is_far, "the hint at a scale: {message}");
         }
         let bare = bmw().0;
         let (start, end) = (bare.find("    <collision>").unwrap(), bare.find("</collision>\n").unwrap());
         let bare = format!("{}{}", &bare[..start], &bare[end + "</collision>\n".len()..]);
         let message = assemble("x", Path::new("x"), &bare, bmw().1).unwrap_err().to_string();
-        assert!(message.contains("link base_link: a footprint with no parts"), "{message}");
+        assert!(
+            message.contains("link base_link: a footprint with no parts; expected a <collision> element"),
+            "{message}"
+        );
     }
 
     #[test]

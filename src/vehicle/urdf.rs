@@ -1,18 +1,20 @@
 //! `vehicle.urdf`: masses, inertia, axles, steering limits and footprint, read with `urdf-rs`.
 //!
-//! What is expected of the URDF: one root link with an inertial element; wheel links on continuous joints, two of them
-//! turned by revolute joints about the vertical (the steering). The frame of the root link may lie anywhere: every length
+//! What is expected of the URDF: one root link with an inertial element; wheel links on continuous joints about axes that
+//! lie, two of them turned by revolute joints about the vertical (the steering). The frame of the root link may lie anywhere: every length
 //! is taken from the wheels. Mass, centre of mass and yaw inertia are summed over all links by the parallel axis theorem.
 //!
 //! The footprint is made of the `<collision>` elements of the root and of all links that hang on it by fixed joints,
 //! each projected to the ground as one convex polygon: boxes and meshes (OBJ or STL beside the URDF) exactly, in any
 //! orientation; spheres, capsules and upright cylinders as polygons of 16 corners around them (2 % larger). Wheels and
 //! what steers them are not in it, as they turn inside the outline. Any other link that moves and has collision elements
-//! is refused: a hinged trailer would be overlooked.
+//! is refused: a hinged trailer would be overlooked, also one whose hitch may turn for ever.
 //!
 //! Weak where: joints are taken in their zero position, and rotated frames (`rpy`) are followed for positions and for yaw
 //! only as far as the plane needs: an inertial frame that is rolled or pitched is refused. Wheels that stand out of the
 //! body, as on some robots, are covered only if the body's collision elements are drawn around them.
+
+mod xml;
 
 use std::path::Path;
 
@@ -20,7 +22,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use urdf_rs::{Geometry, Joint, JointType, Link, Robot};
 
 use super::VehicleError;
-use super::footprint::{Footprint, around_disc};
+use super::footprint::{Footprint, FootprintError, around_disc};
 use super::mesh::{self, MeshError};
 use crate::geometry::Point;
 
@@ -40,46 +42,21 @@ pub(super) struct Body {
     pub(super) steering_rate: f64,
 }
 
-/// Elements nest a handful deep in a URDF. The reader behind `urdf-rs` is recursive: deeper files would cost the stack.
-const MAX_DEPTH: usize = 64;
-
 /// Frames may lie this far off (m, rad) what they should be: files are written with rounded decimals.
 const FRAME_TOLERANCE: f64 = 1e-3;
+
+/// An axis is upright rather than lying where its vertical share is more than this.
+const UPRIGHT: f64 = 0.5;
 
 /// Gives the bytes of a mesh file by its name in the URDF.
 pub(super) type MeshFiles<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, MeshError>;
 
 /// Reads and checks the file's text.
 pub(super) fn read(file: &Path, text: &str, meshes: MeshFiles<'_>) -> Result<Body, VehicleError> {
-    let with_inertial = check_xml(file, text)?;
+    let with_inertial = xml::check(file, text)?;
     let robot = urdf_rs::read_from_string(text)
         .map_err(|e| VehicleError::NotUrdf { file: file.to_owned(), message: e.to_string() })?;
     Reader { file, robot: &robot, with_inertial, meshes }.body()
-}
-
-/// Checks what `urdf-rs` takes for granted, and returns the names of the links that have an inertial element (absent
-/// ones are indistinguishable from zeros afterwards).
-fn check_xml(file: &Path, text: &str) -> Result<Vec<String>, VehicleError> {
-    let not_urdf = |message: String| VehicleError::NotUrdf { file: file.to_owned(), message };
-    let document = roxmltree::Document::parse(text)
-        .map_err(|e| VehicleError::NotXml { file: file.to_owned(), message: e.to_string() })?;
-    let root = document.root_element();
-    let is_xacro = |uri: &str| uri.contains("xacro");
-    if root.namespaces().any(|n| is_xacro(n.uri()) || n.name() == Some("xacro"))
-        || document.descendants().any(|n| n.tag_name().namespace().is_some_and(is_xacro))
-    {
-        return Err(VehicleError::Xacro { file: file.to_owned() });
-    }
-    if root.tag_name().name() != "robot" {
-        return Err(not_urdf(format!("the root element is <{}>, expected <robot>", root.tag_name().name())));
-    }
-    if let Some(deep) = document.descendants().find(|n| n.ancestors().take(MAX_DEPTH + 1).count() > MAX_DEPTH) {
-        let line = document.text_pos_at(deep.range().start).row;
-        return Err(not_urdf(format!("line {line}: elements are nested more than {MAX_DEPTH} deep")));
-    }
-    let has_inertial = |n: &roxmltree::Node<'_, '_>| n.children().any(|c| c.has_tag_name("inertial"));
-    let links = root.children().filter(|n| n.has_tag_name("link")).filter(has_inertial);
-    Ok(links.filter_map(|n| n.attribute("name").map(str::to_owned)).collect())
 }
 
 /// A link's place in the root frame, with the joint that carries it.
@@ -93,7 +70,19 @@ struct Placed<'a> {
     moved_by: Option<&'a Joint>,
 }
 
+impl Placed<'_> {
+    /// Whether it is a wheel: on a continuous joint that turns about a line across the vertical. What turns about the
+    /// vertical for ever is a hitch or a scanner.
+    fn is_wheel(&self) -> bool {
+        self.joint.is_some_and(|joint| {
+            let axis = self.frame.rotation * nalgebra::Vector3::from(joint.axis.xyz.0);
+            joint.joint_type == JointType::Continuous && axis.z.abs() <= UPRIGHT * axis.norm()
+        })
+    }
+}
+
 struct Wheel<'a> {
+    name: &'a str,
     at: nalgebra::Vector3<f64>,
     steered_by: Option<&'a Joint>,
     radius: f64,
@@ -114,6 +103,7 @@ impl<'a> Reader<'a> {
 
     fn body(&self) -> Result<Body, VehicleError> {
         let links = self.placed_links()?;
+        self.refuse_moving_parts(&links)?;
         let wheels = self.wheels(&links)?;
         let (front, rear): (Vec<_>, Vec<_>) = wheels.iter().partition(|w| w.steered_by.is_some());
         let pair = |axle: &[&Wheel<'_>], name: &str| {
@@ -123,7 +113,7 @@ impl<'a> Reader<'a> {
             }
             _ => self.element(
                 format!("wheels of the {name} axle"),
-                format!("{} wheel(s)", axle.len()),
+                format!("{} wheel(s): {}", axle.len(), axle.iter().map(|w| w.name).collect::<Vec<_>>().join(", ")),
                 "two wheels on continuous joints, left and right at the same x: the front ones steered, the rear ones not",
             ),
         }
@@ -195,7 +185,7 @@ impl<'a> Reader<'a> {
                         "one joint for each link",
                     );
                 }
-                let is_steering = joint.joint_type == JointType::Revolute && joint.axis.xyz[2].abs() > 0.5;
+                let is_steering = joint.joint_type == JointType::Revolute && joint.axis.xyz[2].abs() > UPRIGHT;
                 let steered_by = if is_steering { Some(joint) } else { steered };
                 let frame = frame * self.isometry(&format!("joint {}", joint.name), &joint.origin)?;
                 let moved_by = moved.or((joint.joint_type != JointType::Fixed).then_some(joint));
@@ -218,16 +208,16 @@ impl<'a> Reader<'a> {
     }
 
     fn wheels(&self, links: &[Placed<'a>]) -> Result<Vec<Wheel<'a>>, VehicleError> {
-        let carried = links.iter().filter(|p| p.joint.is_some_and(|j| j.joint_type == JointType::Continuous));
         let mut wheels = Vec::new();
-        for p in carried {
+        for p in links.iter().filter(|p| p.is_wheel()) {
             let name = format!("link {}", p.link.name);
             let radius = p.link.collision.iter().find_map(|c| match c.geometry {
                 Geometry::Cylinder { radius, .. } | Geometry::Sphere { radius } => Some(radius),
                 _ => None,
             });
             let Some(radius) = radius else {
-                return self.element(name, "no collision cylinder", "a cylinder whose radius is the wheel's");
+                let found = "a continuous joint as wheels have, but no collision cylinder or sphere";
+                return self.element(name, found, "a cylinder whose radius is the wheel's, or a joint of another type");
             };
             if !(radius.is_finite() && radius > 0.0) {
                 return self.element(name, format!("radius {radius}"), "a positive finite radius");
@@ -236,10 +226,16 @@ impl<'a> Reader<'a> {
             if !(inertia.is_finite() && inertia > 0.0) {
                 return self.element(name, format!("iyy {inertia}"), "a positive finite inertia about the axle");
             }
-            wheels.push(Wheel { at: p.frame.translation.vector, steered_by: p.steered_by, radius, inertia });
+            wheels.push(Wheel {
+                name: &p.link.name,
+                at: p.frame.translation.vector,
+                steered_by: p.steered_by,
+                radius,
+                inertia,
+            });
         }
         if wheels.is_empty() {
-            return self.element("robot".into(), "no wheels", "four wheel links on continuous joints");
+            return self.element("robot".into(), "no wheels", "four wheel links on continuous joints about lying axes");
         }
         Ok(wheels)
     }
@@ -268,7 +264,7 @@ impl<'a> Reader<'a> {
         let mut parts = Vec::new();
         for p in links {
             let name = format!("link {}", p.link.name);
-            let is_chassis_or_wheel = p.joint.is_none_or(|j| j.joint_type == JointType::Continuous);
+            let is_chassis_or_wheel = p.joint.is_none() || p.is_wheel();
             if !self.with_inertial.contains(&p.link.name) {
                 if is_chassis_or_wheel {
                     return self.element(name, "no <inertial>", "mass and inertia of the chassis and of each wheel");
@@ -297,7 +293,6 @@ impl<'a> Reader<'a> {
 
     /// What the collision elements of the root and of all links fixed to it cover, in the frame of the rear axle.
     fn footprint(&self, links: &[Placed<'a>], rear_x: f64) -> Result<Footprint, VehicleError> {
-        self.refuse_moving_parts(links)?;
         let (mut names, mut parts) = (Vec::new(), Vec::new());
         for p in links.iter().filter(|p| p.moved_by.is_none()) {
             for (i, collision) in p.link.collision.iter().enumerate() {
@@ -312,27 +307,40 @@ impl<'a> Reader<'a> {
         Footprint::new(parts).or_else(|e| {
             let root = || links.first().map_or_else(String::new, |p| format!("link {}", p.link.name));
             let element = e.part().and_then(|i| names.get(i).cloned()).unwrap_or_else(root);
-            let expected = "collision elements that cover an area, within 50 m of the rear axle (a mesh in millimetres \
-                            needs scale=\"0.001 0.001 0.001\")";
+            let expected = match e {
+                FootprintError::Empty => "a <collision> element on it or on a link fixed to it",
+                FootprintError::TooMany { .. } => "fewer collision elements; one mesh or box around several will do",
+                FootprintError::NotFinite { .. } => "finite origins, sizes and vertices",
+                FootprintError::Flat { .. } => "a collision element that covers an area of the ground",
+                FootprintError::TooFar { .. } => {
+                    "corners within 50 m of it (a mesh in millimetres needs scale=\"0.001 0.001 0.001\")"
+                }
+            };
             self.element(element, format!("a footprint with {e}"), expected)
         })
     }
 
-    /// Refuses collision elements on links that move, unless the link is a wheel or carries one.
+    /// Refuses collision elements on links that move, unless the link is a wheel or steers one. What hangs on a joint that
+    /// turns for ever about the vertical is neither, wheels or not: a trailer.
     fn refuse_moving_parts(&self, links: &[Placed<'a>]) -> Result<(), VehicleError> {
         let parent = |p: &Placed<'a>| links.iter().find(|q| p.joint.is_some_and(|j| j.parent.link == q.link.name));
-        let wheels = links.iter().filter(|p| p.joint.is_some_and(|j| j.joint_type == JointType::Continuous));
-        let with_wheels: Vec<&str> = wheels
+        let turns_for_ever =
+            |p: &&Placed<'a>| p.joint.is_some_and(|j| j.joint_type == JointType::Continuous) && !p.is_wheel();
+        let with_wheels: Vec<&str> = (links.iter().filter(|p| p.is_wheel()))
             .flat_map(|wheel| std::iter::successors(Some(wheel), |p| parent(p)))
             .map(|p| p.link.name.as_str())
             .collect();
         for p in links.iter().filter(|p| !p.link.collision.is_empty()) {
-            let Some(joint) = p.moved_by.filter(|_| !with_wheels.contains(&p.link.name.as_str())) else { continue };
-            return self.element(
-                format!("link {}", p.link.name),
-                format!("a collision element that joint {} moves", joint.name),
-                "fixed joints between the chassis and what belongs to its outline",
-            );
+            let hitch = std::iter::successors(Some(p), |p| parent(p)).find(turns_for_ever).and_then(|p| p.joint);
+            let loose = p.moved_by.filter(|_| !with_wheels.contains(&p.link.name.as_str()));
+            let Some(joint) = hitch.or(loose) else { continue };
+            let expected = if hitch.is_some() {
+                "a fixed joint, or no collision element: only wheels, on lying axes, may turn for ever (no trailers)"
+            } else {
+                "fixed joints between the chassis and what belongs to its outline"
+            };
+            let found = format!("a collision element that joint {} moves", joint.name);
+            return self.element(format!("link {}", p.link.name), found, expected);
         }
         Ok(())
     }

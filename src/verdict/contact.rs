@@ -38,19 +38,30 @@ pub(super) fn closest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Opti
     best
 }
 
+/// The smallest distance to any obstacle, or to any occupied cell within [`cells::FAR`], m, 0 on contact; `None` if there
+/// is none of both.
+pub(super) fn clearance(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Option<f64> {
+    let obstacle = closest(scenario, vehicle, log).map(|c| c.gap);
+    let cell = cells::closest(scenario, vehicle, log).map(|c| c.gap);
+    obstacle.into_iter().chain(cell).reduce(f64::min).map(|gap| gap.max(0.0))
+}
+
 /// The check. A set-based prediction counts as its whole set: being inside it is a contact.
 pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Check {
     let closest = closest(scenario, vehicle, log);
-    let in_cells = cells::deepest(scenario, vehicle, log).filter(|c| c.depth > settings.contact_tolerance);
-    let depth = closest.map_or(0.0, |c| (-c.gap).max(0.0)).max(in_cells.map_or(0.0, |c| c.depth));
+    let cell = cells::closest(scenario, vehicle, log);
+    let in_cells = cell.filter(|c| -c.gap > settings.contact_tolerance);
+    let depth = closest.map_or(0.0, |c| (-c.gap).max(0.0)).max(cell.map_or(0.0, |c| (-c.gap).max(0.0)));
     let overlap = closest.filter(|c| -c.gap > settings.contact_tolerance);
     let start = log.samples.first().map(|s| s.time);
+    // the nearer of both is told
+    let nearest_cell = cell.filter(|c| closest.is_none_or(|o| c.gap < o.gap));
     let (at_time, note) = match (log.contact, overlap, in_cells, closest) {
         (Some(c), ..) => (
             Some(c.time),
             format!(
-                "the rig reports a contact with obstacle {} at {:.2} m/s, struck at ({:.2}, {:.2}) m from the rear axle",
-                c.obstacle, c.speed, c.at_rear_axle_frame.x, c.at_rear_axle_frame.y
+                "the rig reports a contact with {} at {:.2} m/s, struck at ({:.2}, {:.2}) m from the rear axle",
+                c.with, c.speed, c.at_rear_axle_frame.x, c.at_rear_axle_frame.y
             ),
         ),
         (None, Some(o), ..) => {
@@ -60,11 +71,12 @@ pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, sett
                 format!("the driven footprint overlaps obstacle {}{when}; the rig saw no contact", o.obstacle),
             )
         }
-        (None, None, Some(c), _) => (Some(c.time), c.note()),
-        (None, None, None, Some(c)) => {
-            (Some(c.time), format!("nearest: {:.2} m to obstacle {}", c.gap.max(0.0), c.obstacle))
-        }
-        (None, None, None, None) => (None, "no obstacle".into()),
+        (None, None, Some(c), _) => (Some(c.time), format!("the driven footprint overlaps occupied cells around {c}")),
+        (None, None, None, closest) => match (nearest_cell, closest) {
+            (Some(c), _) => (Some(c.time), format!("nearest: {:.2} m to occupied cells around {c}", c.gap.max(0.0))),
+            (None, Some(o)) => (Some(o.time), format!("nearest: {:.2} m to obstacle {}", o.gap.max(0.0), o.obstacle)),
+            (None, None) => (None, "no obstacle".into()),
+        },
     };
     Check {
         name: "no_contact",

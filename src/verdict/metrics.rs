@@ -31,7 +31,8 @@ pub struct Metrics {
     pub max_abs_jerk_mps3: f64,
     /// Signed distance of the rest position from the planned stop, m, positive beyond it; none if it did not stop.
     pub stop_error_m: Option<f64>,
-    /// Smallest distance to any obstacle, m, 0 on contact; none without obstacles.
+    /// Smallest distance to any obstacle or occupied cell, m, 0 on contact; cells count up to 10 m away. None without
+    /// any.
     pub min_clearance_m: Option<f64>,
     /// Plan switches per minute of the run. A switch is a planning cycle whose path lies more than 0.5 m beside the path
     /// committed one cycle before, at some point that both have ahead of the vehicle; a plan drawn out further, cut anew,
@@ -66,7 +67,7 @@ pub fn metrics(scenario: &Scenario, vehicle: &Vehicle, cycles: &[Cycle], log: &L
         max_abs_lateral_acceleration_mps2: largest(&mut felt.moments.iter().map(|m| m.lateral_acceleration)),
         max_abs_jerk_mps3: largest(&mut felt.moments.iter().map(|m| m.jerk)),
         stop_error_m: stops::stop_error(cycles, log, settings.rest_speed).map(|(error, _)| error),
-        min_clearance_m: contact::closest(scenario, vehicle, log).map(|c| c.gap.max(0.0)),
+        min_clearance_m: contact::clearance(scenario, vehicle, log),
         plan_switches_per_minute: 60.0 * per(plan_switches(cycles) as f64, duration),
         kept_plans: cycles.iter().filter(|c| c.decision == Decision::KeepLast).count(),
         max_tracking_error_m: largest(&mut errors.iter().map(|e| e.0.hypot(e.1))),
@@ -146,6 +147,23 @@ mod tests {
         assert_eq!(measured(&s).min_clearance_m, None);
         s.log = Log::default();
         assert_eq!(measured(&s), Metrics::default());
+    }
+
+    #[test]
+    fn occupied_cells_count_as_clearance_until_they_are_far() {
+        use crate::map::{Cell, OccupancyGrid};
+        let place = super::super::testing::Place { origin: crate::geometry::Pose::new(5e5, 4e6, 0.6), mirrored: false };
+        let mut s = Story::at(place);
+        // one cell of half a metre, its near side 12.3 m to 1.2 m beside the footprint's
+        for (gap, beside_car, alone) in [(1.2, 1.2, Some(1.2)), (2.5, 1.795, Some(2.5)), (12.3, 1.795, None)] {
+            let corner = place.pose(40.0, 0.5 * s.vehicle.width + gap, 0.0);
+            s.scenario.occupancy = Some(OccupancyGrid::new(corner, 0.5, 1, 1, vec![Cell::Occupied]).unwrap());
+            assert!((measured(&s).min_clearance_m.unwrap() - beside_car).abs() < 1e-6, "{gap}: {:?}", measured(&s));
+            let mut without_cars = s.clone();
+            without_cars.scenario.obstacles.clear();
+            let found = measured(&without_cars).min_clearance_m;
+            assert_eq!(found.map(|c| (c * 1e6).round() / 1e6), alone, "{gap}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@
 //! | Check | Value | Holds when |
 //! |---|---|---|
 //! | `simulation` | samples that are not finite | only present when the log is empty or broken, and then fails |
-//! | `no_contact` | deepest overlap with an obstacle, m | ≤ [`Settings::contact_tolerance`], and the rig reports no contact |
+//! | `no_contact` | deepest overlap with an obstacle or an occupied cell, m | ≤ [`Settings::contact_tolerance`], and the rig reports no contact |
 //! | `stays_on_road` | largest excursion of the footprint, m | ≤ [`Settings::road_tolerance`] |
 //! | `stops` | distance from the planned stop, m | ≤ [`Settings::stop_short`] before it, [`Settings::stop_past`] beyond it |
 //! | `stop_proven` | share of cycles with a committed stop | = 1 |
@@ -224,7 +224,7 @@ mod tests {
     use crate::geometry::{Point, Pose};
     use crate::map::{GoalPosition, Interval, Motion, ObstacleKind, Shape, TimedOccupancy};
     use crate::planner::Decision;
-    use crate::simulation::Contact;
+    use crate::simulation::{Contact, Touched};
 
     #[test]
     fn the_clean_run_passes_and_says_all_it_should() {
@@ -256,7 +256,8 @@ mod tests {
         vec![
             ("no_contact", "a contact that only the rig saw", |s| {
                 let at_rear_axle_frame = Point::new(3.6, 0.0);
-                s.log.contact = Some(Contact { time: 3.0, obstacle: 101, at_rear_axle_frame, speed: 8.0 });
+                s.log.contact =
+                    Some(Contact { time: 3.0, with: Touched::Obstacle(101), at_rear_axle_frame, speed: 8.0 });
             }),
             ("no_contact", "a parked car's edge in the way that the rig did not see", |s| {
                 s.scenario.obstacles[0] = s.place.parked(100, 60.0, 1.69);

@@ -7,17 +7,18 @@
 use std::f64::consts::{PI, TAU};
 
 use super::{Settings, Verdict, judge};
+use crate::fixtures::{self, knot};
 use crate::geometry::polyline::Polyline;
-use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
 use crate::map::{
-    Goal, GoalPosition, InitialState, Interval, Lanelet, Motion, Obstacle, ObstacleKind, Part, PlanningProblem,
-    RoadNetwork, Scenario, Shape, TimedPose,
+    Goal, Interval, Lanelet, Motion, Obstacle, ObstacleKind, PlanningProblem, Scenario, Shape, TimedPose,
 };
-use crate::planner::{Cycle, Decision, StageSeconds};
+use crate::planner::Cycle;
 use crate::simulation::{Log, Sample};
-use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
+use crate::trajectory::{Path, SpeedProfile, Trajectory};
+use crate::vehicle::{Comfort, Footprint, Vehicle};
+
+pub(super) use crate::fixtures::cycle;
 
 /// Where in the world the run takes place, and whether it is seen in a mirror.
 #[derive(Debug, Clone, Copy)]
@@ -47,27 +48,12 @@ impl Place {
     pub(super) fn lanelet(&self, id: i64, x: (f64, f64), right: f64, left: f64) -> Lanelet {
         let line = |y: f64| Polyline::new([self.point(x.0, y), self.point(x.1, y)]).unwrap();
         let (right, left) = if self.mirrored { (left, right) } else { (right, left) };
-        Lanelet {
-            id,
-            left: line(left),
-            right: line(right),
-            centre: line(0.5 * (left + right)),
-            successors: Vec::new(),
-            predecessors: Vec::new(),
-            adjacent_left: None,
-            adjacent_right: None,
-            speed_limit: None,
-            stop_line: None,
-            signs: Vec::new(),
-            lights: Vec::new(),
-            types: vec!["urban".into()],
-        }
+        Lanelet { types: vec!["urban".into()], ..fixtures::lanelet(id, line(right), line(left)) }
     }
 
     /// A parked car.
     pub(super) fn parked(&self, id: i64, x: f64, y: f64) -> Obstacle {
-        let motion = Motion::Static(self.pose(x, y, 0.0));
-        Obstacle { id, kind: ObstacleKind::ParkedVehicle, shape: Shape::rectangle(4.5, 1.8), motion }
+        fixtures::parked(id, self.pose(x, y, 0.0), 4.5, 1.8)
     }
 
     /// A car that drives from one point to another in a time interval.
@@ -79,7 +65,7 @@ impl Place {
 
     /// A straight path along x for the rear axle.
     pub(super) fn straight(&self, x: f64, y: f64, length: f64) -> Path {
-        Path::new(self.pose(x, y, 0.0), &[CubicSpiral { knots: [0.0; 4], length }]).unwrap()
+        fixtures::straight(self.pose(x, y, 0.0), length)
     }
 }
 
@@ -103,34 +89,17 @@ impl Story {
     }
 
     pub(super) fn at(place: Place) -> Self {
-        let vehicle = bmw();
+        let vehicle = car();
         let goal = Goal {
-            position: Some(GoalPosition::Shapes(Shape {
-                parts: vec![Part::Rectangle { centre: place.pose(82.0, 0.0, 0.0), length: 6.0, width: 3.5 }],
-            })),
-            time: Interval { min: 0.0, max: 30.0 },
             speed: Some(Interval { min: 0.0, max: 0.5 }),
             yaw: Some(Interval { min: place.origin.yaw - 0.1, max: place.origin.yaw + 0.1 }),
+            ..fixtures::goal(place.pose(82.0, 0.0, 0.0), 6.0, 3.5, 30.0)
         };
-        let initial = InitialState {
-            centre: place.pose(10.0, 0.0, 0.0),
-            speed: 8.0,
-            acceleration: 0.0,
-            yaw_rate: 0.0,
-            time_step: 0,
-        };
-        let mut network = RoadNetwork::default();
-        network.lanelets.insert(1, place.lanelet(1, (0.0, 70.0), -1.75, 1.75));
-        network.lanelets.insert(2, place.lanelet(2, (70.0, 130.0), -1.75, 1.75));
+        let road = [place.lanelet(1, (0.0, 70.0), -1.75, 1.75), place.lanelet(2, (70.0, 130.0), -1.75, 1.75)];
+        let cars = vec![place.parked(100, 60.0, 3.5), place.moving(101, (0.0, 20.0), (50.0, 0.0), (210.0, 0.0))];
         let scenario = Scenario {
-            id: "ZAM_Test-1_1_T-1".into(),
-            version: "2020a".into(),
-            time_step: 0.1,
-            network,
-            obstacles: vec![place.parked(100, 60.0, 3.5), place.moving(101, (0.0, 20.0), (50.0, 0.0), (210.0, 0.0))],
-            occupancy: None,
-            problems: vec![PlanningProblem { id: 1, initial, goals: vec![goal] }],
-            issues: Vec::new(),
+            problems: vec![fixtures::problem(place.pose(10.0, 0.0, 0.0), 8.0, goal)],
+            ..fixtures::scenario(fixtures::network(road), cars)
         };
         let rear = 10.0 - vehicle.rear_axle_to_centre;
         let committed =
@@ -187,25 +156,7 @@ fn raised_cosine_stop(time: f64) -> (f64, f64, f64) {
 
 /// 8 m/s for 5 s, then 1 m/s² to rest: the same times and stations as the raised cosine has at its ends.
 fn braking_profile() -> SpeedProfile {
-    let knot = |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };
     SpeedProfile::new(vec![knot(0.0, 0.0, 8.0, 0.0), knot(5.0, 40.0, 8.0, -1.0), knot(13.0, 72.0, 0.0, 0.0)]).unwrap()
-}
-
-pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
-    Cycle {
-        time,
-        committed,
-        decision: Decision::NewPlan { deceleration: 1.5 },
-        reference: Vec::new(),
-        candidates: Vec::new(),
-        blocked: Vec::new(),
-        chosen: None,
-        edges: Default::default(),
-        expansions: 0,
-        is_smooth: true,
-        is_refined: false,
-        stage_seconds: StageSeconds::default(),
-    }
 }
 
 fn sample(time: f64, pose: Pose, speed: f64, acceleration: f64) -> Sample {
@@ -232,54 +183,14 @@ pub(super) fn bump(time: f64, from: f64, length: f64, height: f64) -> f64 {
     if (0.0..=1.0).contains(&u) { 0.5 * height * (1.0 - (2.0 * PI * u).cos()) } else { 0.0 }
 }
 
-/// The figures of CommonRoad's vehicle model 2; tyres and actuators play no part here.
-fn bmw() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        footprint: Footprint::rectangle(4.508, 1.61, 1.422),
-        length: 4.508,
-        width: 1.61,
-        wheelbase: 2.578,
-        rear_axle_to_centre: 1.422,
-        rear_axle_to_mass: 1.422,
-        mass_height: 0.575,
-        track_width: 1.386,
-        mass: 1093.3,
-        yaw_inertia: 1791.6,
-        wheel_radius: 0.344,
-        wheel_inertia: 1.7,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 10.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.319,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0489,
-            cornering_front: 20.89,
-            cornering_rear: 20.89,
-            longitudinal: 20.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.01,
-            drag: 0.4,
-        },
-        actuators: Actuators {
-            drive_lag: 0.2,
-            brake_lag: 0.1,
-            steering_lag: 0.1,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 1.5,
-            deceleration: 1.5,
-            aggressive_deceleration: 2.2,
-            lateral_acceleration: 3.0,
-            jerk: 2.5,
-        },
-    }
+/// A car with other limits of comfort.
+fn car() -> Vehicle {
+    let comfort = Comfort {
+        acceleration: 1.5,
+        deceleration: 1.5,
+        aggressive_deceleration: 2.2,
+        lateral_acceleration: 3.0,
+        jerk: 2.5,
+    };
+    Vehicle { comfort, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.422)) }
 }

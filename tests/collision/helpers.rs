@@ -2,119 +2,25 @@
 
 use proptest::prelude::*;
 use stopline::collision::{CollisionSettings, CollisionWorld, Margins};
+use stopline::fixtures::{self, straight_lanelet};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
-use stopline::map::{ConvexPart, Lanelet, Motion, Obstacle, ObstacleKind, Part, RoadNetwork, Scenario, Shape};
-use stopline::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
+use stopline::map::{ConvexPart, Lanelet, Obstacle, Part, Scenario, Shape};
 
-/// The published dimensions of the BMW 320i; the rest does not matter here.
-pub(crate) fn vehicle() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        footprint: Footprint::rectangle(4.508, 1.61, 1.4227),
-        length: 4.508,
-        width: 1.61,
-        wheelbase: 2.5789,
-        rear_axle_to_centre: 1.4227,
-        rear_axle_to_mass: 1.4227,
-        mass_height: 0.5,
-        track_width: 1.5,
-        mass: 1093.0,
-        yaw_inertia: 1791.0,
-        wheel_radius: 0.3,
-        wheel_inertia: 1.0,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 20.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.3,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0,
-            cornering_front: 20.0,
-            cornering_rear: 20.0,
-            longitudinal: 20.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.01,
-            drag: 0.4,
-        },
-        actuators: Actuators {
-            drive_lag: 0.2,
-            brake_lag: 0.1,
-            steering_lag: 0.1,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 2.0,
-            deceleration: 2.0,
-            aggressive_deceleration: 6.0,
-            lateral_acceleration: 3.0,
-            jerk: 3.0,
-        },
-    }
-}
-
-pub(crate) fn line(points: &[(f64, f64)]) -> Polyline {
-    Polyline::new(points.iter().map(|&(x, y)| Point::new(x, y))).unwrap()
-}
-
-pub(crate) fn lanelet(id: i64, left: Polyline, right: Polyline) -> Lanelet {
-    Lanelet {
-        id,
-        centre: left.clone(),
-        left,
-        right,
-        successors: vec![],
-        predecessors: vec![],
-        adjacent_left: None,
-        adjacent_right: None,
-        speed_limit: None,
-        stop_line: None,
-        signs: vec![],
-        lights: vec![],
-        types: vec![],
-    }
-}
-
-pub(crate) fn network(lanelets: Vec<Lanelet>) -> RoadNetwork {
-    RoadNetwork { lanelets: lanelets.into_iter().map(|l| (l.id, l)).collect(), ..RoadNetwork::default() }
-}
+pub(crate) use stopline::fixtures::{circle, lanelet, line, network, obstacle, vehicle};
 
 pub(crate) fn scenario(lanelets: Vec<Lanelet>, obstacles: Vec<Obstacle>) -> Scenario {
-    Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: network(lanelets),
-        obstacles,
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    }
+    fixtures::scenario(network(lanelets), obstacles)
 }
 
 /// A square of asphalt, 400 m wide, around the origin.
 pub(crate) fn plain() -> Vec<Lanelet> {
-    vec![lanelet(1, line(&[(-200.0, 200.0), (200.0, 200.0)]), line(&[(-200.0, -200.0), (200.0, -200.0)]))]
+    vec![straight_lanelet(1, (-200.0, 200.0), -200.0, 200.0)]
 }
 
 pub(crate) fn straight_road(length: f64, half_width: f64) -> Vec<Lanelet> {
-    let bound = |y| line(&[(-20.0, y), (length, y)]);
-    vec![lanelet(1, bound(half_width), bound(-half_width))]
-}
-
-pub(crate) fn obstacle(id: i64, shape: Shape, motion: Motion) -> Obstacle {
-    Obstacle { id, kind: ObstacleKind::Unknown, shape, motion }
-}
-
-pub(crate) fn circle(radius: f64) -> Shape {
-    Shape { parts: vec![Part::Circle { centre: Point::new(0.0, 0.0), radius }] }
+    vec![straight_lanelet(1, (-20.0, length), -half_width, half_width)]
 }
 
 pub(crate) fn no_margins() -> CollisionSettings {

@@ -10,6 +10,7 @@ mod random;
 use helpers::*;
 use proptest::prelude::*;
 use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins};
+use stopline::fixtures::straight_lanelet;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
@@ -81,7 +82,7 @@ proptest! {
             .map(|(_, pose)| pose)
             .collect();
         let bound = |l: f64| Polyline::new(along.iter().map(|p| p.position + p.left() * l)).unwrap();
-        let world = world(&scenario(vec![lanelet(1, bound(2.0), bound(-2.0))], vec![]), &no_margins());
+        let world = world(&scenario(vec![lanelet(1, bound(-2.0), bound(2.0))], vec![]), &no_margins());
         let start = Pose { position: origin.position + origin.left() * aside, yaw: origin.yaw + yaw };
         let outline: Vec<Point> = bound(-2.0).points().iter().chain(bound(2.0).points().iter().rev()).copied().collect();
         // slow and simple: sides of the footprint against all sides of the outline
@@ -148,7 +149,7 @@ proptest! {
             let moving = obstacle(2, Shape::rectangle(shape.0, shape.1), Motion::Trajectory(states));
             let bound = |l: f64| line(&[(-200.0, flip * l), (200.0, flip * l)].map(|(x, y)| (x + shift.x, y + shift.y)));
             // mirrored, left is right
-            let road = vec![if flip > 0.0 { lanelet(1, bound(9.0), bound(-7.0)) } else { lanelet(1, bound(-7.0), bound(9.0)) }];
+            let road = vec![if flip > 0.0 { lanelet(1, bound(-7.0), bound(9.0)) } else { lanelet(1, bound(9.0), bound(-7.0)) }];
             let world = world(&scenario(road, vec![parked, moving]), &CollisionSettings::default());
             let knots = spiral.knots.map(|k| flip * k);
             let sweep = world.sweep(&put(Pose::new(0.0, 0.0, 0.1)), &CubicSpiral { knots, ..spiral });
@@ -176,8 +177,7 @@ fn rings(world: &CollisionWorld) -> usize {
 
 #[test]
 fn a_hairline_gap_between_neighbours_is_no_boundary() {
-    let lane =
-        |id, low: f64, high: f64| lanelet(id, line(&[(0.0, high), (100.0, high)]), line(&[(0.0, low), (100.0, low)]));
+    let lane = |id, low: f64, high: f64| straight_lanelet(id, (0.0, 100.0), low, high);
     let gap = |g: f64| vec![lane(1, -3.5, 0.0), lane(2, g, 3.5)];
     for (g, expected) in [(0.0, 1), (0.01, 1), (0.015, 2), (0.5, 2)] {
         let world = world(&scenario(gap(g), vec![]), &CollisionSettings::default());
@@ -186,10 +186,7 @@ fn a_hairline_gap_between_neighbours_is_no_boundary() {
         assert_eq!(world.static_hit(&along).is_none(), expected == 1, "gap {g}");
     }
     // one behind the other
-    let behind = vec![
-        lanelet(1, line(&[(0.0, 2.0), (50.0, 2.0)]), line(&[(0.0, -2.0), (50.0, -2.0)])),
-        lanelet(2, line(&[(50.01, 2.0), (100.0, 2.0)]), line(&[(50.01, -2.0), (100.0, -2.0)])),
-    ];
+    let behind = vec![straight_lanelet(1, (0.0, 50.0), -2.0, 2.0), straight_lanelet(2, (50.01, 100.0), -2.0, 2.0)];
     let world = world(&scenario(behind, vec![]), &CollisionSettings::default());
     assert_eq!(rings(&world), 1);
     assert!(world.static_hit(&world.sweep(&Pose::new(5.0, 0.0, 0.0), &straight(80.0))).is_none());
@@ -208,8 +205,8 @@ fn a_roundabout_keeps_its_island() {
     let quarter = |i: i64| {
         lanelet(
             i,
-            ring(8.0, i as f64 * tau / 4.0, (i + 1) as f64 * tau / 4.0),
             ring(12.0, i as f64 * tau / 4.0, (i + 1) as f64 * tau / 4.0),
+            ring(8.0, i as f64 * tau / 4.0, (i + 1) as f64 * tau / 4.0),
         )
     };
     let world = world(&scenario((0..4).map(quarter).collect(), vec![]), &CollisionSettings::default());
@@ -237,13 +234,11 @@ fn a_roundabout_keeps_its_island() {
 #[test]
 fn an_island_inside_the_footprint_is_seen() {
     // four lanelets around a hole of 0.4 m × 0.4 m, smaller than the car in every direction
-    let quad =
-        |id, x0: f64, x1: f64, y0: f64, y1: f64| lanelet(id, line(&[(x0, y1), (x1, y1)]), line(&[(x0, y0), (x1, y0)]));
     let lanes = vec![
-        quad(1, -20.0, 20.0, 0.2, 5.0),
-        quad(2, -20.0, 20.0, -5.0, -0.2),
-        quad(3, -20.0, -0.2, -0.2, 0.2),
-        quad(4, 0.2, 20.0, -0.2, 0.2),
+        straight_lanelet(1, (-20.0, 20.0), 0.2, 5.0),
+        straight_lanelet(2, (-20.0, 20.0), -5.0, -0.2),
+        straight_lanelet(3, (-20.0, -0.2), -0.2, 0.2),
+        straight_lanelet(4, (0.2, 20.0), -0.2, 0.2),
     ];
     let world = world(&scenario(lanes, vec![]), &CollisionSettings::default());
     let hit = world.static_hit(&world.sweep(&Pose::new(-10.0, 0.0, 0.0), &straight(20.0))).unwrap();
@@ -288,23 +283,23 @@ fn degenerate_lanelets_keep_their_surface() {
         }
     };
     let (low, high) = (line(&[(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]), line(&[(0.0, 3.0), (10.0, 3.0), (20.0, 3.0)]));
-    contains(lanelet(1, high.clone(), low.clone()), &[(5.0, 1.0), (15.0, 2.0)]);
-    // left and right exchanged
     contains(lanelet(1, low.clone(), high.clone()), &[(5.0, 1.0), (15.0, 2.0)]);
+    // left and right exchanged
+    contains(lanelet(1, high.clone(), low.clone()), &[(5.0, 1.0), (15.0, 2.0)]);
     // bounds that cross in the middle: both lobes
     contains(
-        lanelet(1, line(&[(0.0, 3.0), (20.0, 0.0)]), line(&[(0.0, 0.0), (20.0, 3.0)])),
+        lanelet(1, line(&[(0.0, 0.0), (20.0, 3.0)]), line(&[(0.0, 3.0), (20.0, 0.0)])),
         &[(2.0, 1.5), (18.0, 1.5)],
     );
     // the inner bound of a sharp bend folds back over itself
     let folded = line(&[(0.0, 1.0), (9.0, 1.0), (11.0, 1.0), (9.0, 1.5), (9.0, 11.0)]);
     contains(
-        lanelet(1, folded, line(&[(0.0, -2.0), (8.0, -2.0), (12.0, -2.0), (12.0, 2.0), (12.0, 11.0)])),
+        lanelet(1, line(&[(0.0, -2.0), (8.0, -2.0), (12.0, -2.0), (12.0, 2.0), (12.0, 11.0)]), folded),
         &[(5.0, 0.0), (10.0, -1.0), (11.5, 5.0)],
     );
     // two points against many
     let many = Polyline::new((0..30).map(|i| Point::new(f64::from(i), 3.0))).unwrap();
-    contains(lanelet(1, many, line(&[(0.0, 0.0), (29.0, 0.0)])), &[(5.0, 0.1), (25.0, 2.9), (14.5, 1.5)]);
+    contains(lanelet(1, line(&[(0.0, 0.0), (29.0, 0.0)]), many), &[(5.0, 0.1), (25.0, 2.9), (14.5, 1.5)]);
     // without width there is nothing, and no panic
     let world = world(&scenario(vec![lanelet(1, low.clone(), low)], vec![]), &CollisionSettings::default());
     assert!(!world.statics().road().contains(Point::new(5.0, 1.0)));

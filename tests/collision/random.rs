@@ -62,7 +62,7 @@ impl Land {
         let side = |l: f64| middle.iter().map(move |p| p.position + p.left() * l).collect::<Vec<Point>>();
         let (left, right) = (side(half_width), side(-half_width));
         let outline = right.iter().chain(left.iter().rev()).copied().collect();
-        let lanes = vec![lanelet(1, Polyline::new(left).unwrap(), Polyline::new(right).unwrap())];
+        let lanes = vec![lanelet(1, Polyline::new(right).unwrap(), Polyline::new(left).unwrap())];
         let obstacles: Vec<Obstacle> = (0..things).map(|id| thing(random, id, &middle, half_width)).collect();
         Self { middle, half_width, outline, scenario: scenario(lanes, obstacles) }
     }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use stopline::drive::{Run, Settings, drive};
+use stopline::fixtures::parked;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose, Vector};
 use stopline::io::commonroad::read_file;
@@ -60,12 +61,7 @@ pub(crate) const ADDED: i64 = 9_999;
 
 /// A rectangle that stands for ever, length along its heading.
 pub(crate) fn standing(pose: Pose, length: f64, width: f64) -> Obstacle {
-    Obstacle {
-        id: ADDED,
-        kind: ObstacleKind::Structure,
-        shape: Shape::rectangle(length, width),
-        motion: Motion::Static(pose),
-    }
+    Obstacle { kind: ObstacleKind::Structure, ..parked(ADDED, pose, length, width) }
 }
 
 /// A motion of the plane: mirrored at the x axis if so, then turned about the origin, then moved.

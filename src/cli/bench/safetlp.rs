@@ -9,7 +9,7 @@ use super::{check_json, check_table, held};
 use crate::bench::safetlp::{Comparison, LIMIT_SETS, Method, Settings, TIME_LIMIT, compare, searches};
 use crate::cli::args::SafeTlpArgs;
 use crate::cli::job::Outputs;
-use crate::cli::{Exit, Failure, json as result, print, report};
+use crate::cli::{Exit, Failure, json as result, print, progress, report};
 use crate::io::files;
 
 /// Bytes of a MiB.
@@ -28,7 +28,10 @@ pub(super) fn run(args: SafeTlpArgs) -> Result<Exit, Failure> {
         time_limit: args.time_limit,
         ..Settings::default()
     };
-    let bar = report::counting_bar(searches(&settings) as u64, args.quiet);
+    let bar = progress::bar(!args.quiet);
+    let all = searches(&settings);
+    bar.set_length(all as u64);
+    bar.set_message(format!("of {all} searches"));
     let comparison = compare(&settings, || bar.inc(1));
     bar.finish_and_clear();
     let comparison = comparison.map_err(|e| Failure::Use(e.to_string()))?;

@@ -6,17 +6,24 @@ use serde_json::{Map, Value, json};
 
 use super::{check_json, check_table, held};
 use crate::bench::Check;
-use crate::bench::spirals::{BOUND, Comparison, Method, Row, SOFT, Settings, compare};
+use crate::bench::spirals::{BOUND, Comparison, Method, Row, SOFT, Settings, compare_watched};
 use crate::cli::args::SpiralArgs;
 use crate::cli::job::Outputs;
-use crate::cli::{Exit, Failure, json as result, print, report};
+use crate::cli::{Exit, Failure, json as result, print, progress, report};
 use crate::io::files;
 
 /// Checks the outputs, measures, writes, reports.
 pub(super) fn run(args: SpiralArgs) -> Result<Exit, Failure> {
     let outputs = Outputs { json: args.json, csv: args.csv, svg: args.svg, ..Outputs::default() };
     outputs.check(&[])?;
-    let comparison = compare(&Settings { seed: args.seed, problems: args.problems as usize });
+    let settings = Settings { seed: args.seed, problems: args.problems as usize };
+    let bar = progress::bar(!args.quiet);
+    let comparison = compare_watched(&settings, &mut |method, done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+        bar.set_message(method.label());
+    });
+    bar.finish_and_clear();
     let checks = comparison.checks();
     let value = to_json(&comparison, &checks);
     if let Some(path) = outputs.json.as_ref().filter(|_| !outputs.json_on_stdout()) {
@@ -64,6 +71,7 @@ fn row_to_json(row: &Row) -> Value {
         "label": row.method.label(),
         "problems": row.problems,
         "solved": row.solved,
+        "proven_impossible": row.impossible,
         "worst_end_residual_m": row.worst_residual,
         "worst_heading_residual_rad": row.worst_heading,
         "worst_slide_m": row.worst_slide,
@@ -106,9 +114,22 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
         "{count} lattice problem(s), seed {}: 10…40 m ahead, ±8 m across, ±0.5 rad, curvature ±0.1 1/m at both ends\n\n",
         comparison.settings.seed
     );
-    let head =
-        ["method", "problems", "solved", "median", "p99", "worst end", "worst", "largest", "mean", "energy", "over"];
-    let units = ["", "", "", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
+    let head = [
+        "method",
+        "problems",
+        "solved",
+        "proven",
+        "median",
+        "p99",
+        "worst end",
+        "worst",
+        "largest",
+        "mean",
+        "energy",
+        "over",
+    ];
+    let units =
+        ["", "", "", "impossible", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
     let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
     text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
     text += &notes();
@@ -125,6 +146,7 @@ fn notes() -> String {
 bound        |κ| ≤ {BOUND} 1/m everywhere; it bites where the pinned cubic spiral breaks it
 soft end     may slide sideways, for {SOFT} 1/m³ · slide² of bending energy; every program by Clarabel
 bound bites  the cubic's end slides sideways as little as it must (second-order cones); the quintic's is pinned (cuts)
+proven       there is no such spiral: linear relaxations contradict each other, everywhere in a branch and bound
 quintic      the spiral of least bending energy, all pinned, every program by Clarabel
 polynomial   x and y of degree five; tangents as long as the chord, or searched for least bending energy
 shooting     the lecture's way to the first row: Newton with Simpson's rule and differences
@@ -140,6 +162,7 @@ fn cells(row: &Row) -> Vec<String> {
         row.method.label().into(),
         row.problems.to_string(),
         row.solved.to_string(),
+        if row.impossible > 0 { row.impossible.to_string() } else { "-".into() },
         found(format!("{:.2}", row.time.median_us)),
         found(format!("{:.2}", row.time.p99_us)),
         found(format!("{:.1e}", row.worst_residual)),

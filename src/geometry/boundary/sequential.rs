@@ -1,17 +1,19 @@
 //! The sequence of convex programs: starts, merit, trust region, stopping.
 
 use super::basis::{Basis, add, dot};
-use super::scaled::{LENGTHS, Place, Scaled, moved};
+use super::certificate::impossible;
+use super::scaled::{Place, Scaled, moved};
 use super::subproblem::{Bounds, Model, Step, cholesky};
 use super::{EndCondition, Infeasibility, Method, Status};
-use crate::convex::{QuadraticProgram, Term};
-use crate::geometry::spiral::{CubicSpiral, Polynomial, Spiral, Tables, connect};
+use crate::geometry::spiral::{CubicSpiral, Spiral, Tables, connect};
 use crate::geometry::{Point, Pose};
 
 /// Convex programs at most; two to five are usual.
 const MAX_ITERATIONS: u32 = 40;
 /// A last step that promised less than this of the objective, and kept what it promised, is the last.
 const WORTH_A_STEP: f64 = 1e-4;
+/// A place within the bounds is good enough if the model, without them, finds less than this of the objective to gain.
+const LITTLE_TO_GAIN: f64 = 2e-5;
 /// Less than this of the objective is nothing.
 const NOTHING: f64 = 1e-9;
 /// What an objective near zero is compared with instead.
@@ -29,6 +31,11 @@ const LEAST_RADIUS: f64 = 1e-8;
 const ACCEPTED: f64 = 0.05;
 /// Sides whose extremum is within this of the aim (relative) join the program.
 const COMES_NEAR: f64 = 0.15;
+/// Boxes of the proof that nothing fits, before the search where its start is out of bounds, and after it.
+const EARLY_BOXES: usize = 20;
+const LATE_BOXES: usize = 200;
+/// A start that breaks a bound by more than this (relative) may well have no solution: proof is looked for first.
+const OUT_OF_REACH: f64 = 0.12;
 /// A start from Newton's root with more curvature than this many bounds is tried against a tamer one.
 const WILD: f64 = 1.3;
 
@@ -57,6 +64,11 @@ impl<const K: usize> Measured<K> {
         self.beyond.iter().fold(0.0, |m: f64, b| m.max(*b))
     }
 
+    /// What gains are measured by.
+    fn floor(&self) -> f64 {
+        self.objective.abs().max(SMALLEST_OBJECTIVE)
+    }
+
     fn merit(&self, penalty: f64) -> f64 {
         let broken = self.broken();
         if broken > 0.0 { self.objective + penalty * broken } else { self.objective }
@@ -69,19 +81,19 @@ pub(super) struct Run<const K: usize> {
     scaled: Scaled<K>,
     iterations: u32,
     programs: u32,
+    /// Whether a proof that nothing fits was looked for in earnest, and not found.
+    looked_for_proof: bool,
 }
 
 impl<const K: usize> Run<K> {
     pub(super) fn new(scaled: Scaled<K>) -> Self {
-        Self { scaled, iterations: 0, programs: 0 }
+        Self { scaled, iterations: 0, programs: 0, looked_for_proof: false }
     }
 
     pub(super) fn solve(mut self) -> Outcome<K> {
         let (mut status, place) = self.search();
-        if let Status::Infeasible(_) = status {
-            self.programs += 1;
-            let certified = contradictory(&self.scaled);
-            status = Status::Infeasible(if certified { Infeasibility::Certified } else { Infeasibility::NotFound });
+        if status == stuck() && !self.looked_for_proof && impossible(&self.scaled, LATE_BOXES) {
+            status = Status::Infeasible(Infeasibility::Certified);
         }
         self.outcome(status, &place)
     }
@@ -103,7 +115,21 @@ impl<const K: usize> Run<K> {
                 unrestored.get_or_insert(place);
                 continue;
             }
-            let found = self.descend(self.measured(place));
+            let start = self.measured(place);
+            if attempt == 0
+                && start.broken() > OUT_OF_REACH
+                && self.is_position_held()
+                && impossible(&self.scaled, EARLY_BOXES)
+            {
+                return (Status::Infeasible(Infeasibility::Certified), start.place);
+            }
+            let found = self.descend(start);
+            if found.0 == stuck() && self.is_position_held() && !self.looked_for_proof {
+                if impossible(&self.scaled, LATE_BOXES) {
+                    return (Status::Infeasible(Infeasibility::Certified), found.1.place);
+                }
+                self.looked_for_proof = true;
+            }
             if best.as_ref().is_none_or(|best| self.is_better(&found, best)) {
                 best = Some(found);
             }
@@ -124,6 +150,12 @@ impl<const K: usize> Run<K> {
             (false, false) => found.1.broken() < best.1.broken(),
             (found, _) => found,
         }
+    }
+
+    /// Whether the end's position is held both ways: then the bound may well leave nothing.
+    fn is_position_held(&self) -> bool {
+        let [along, across, ..] = self.scaled.conditions;
+        [along, across].iter().all(|c| matches!(c, EndCondition::Fixed | EndCondition::Range(..)))
     }
 
     /// Whether a soft position ended so far off that another start may do better.
@@ -167,7 +199,9 @@ impl<const K: usize> Run<K> {
         let target = self.shifted_target();
         let newton = connect(scaled.start_curvature, &target, scaled.end_curvature).ok();
         let tame = drawn(&self.tame(newton, &target));
-        let Some(root) = newton.map(|cubic| drawn(&cubic)).filter(|root| *root != tame) else { return (tame, None) };
+        let Some(root) = newton.map(|cubic| unbent(drawn(&cubic))).filter(|root| *root != tame) else {
+            return (tame, None);
+        };
         let worst = |spiral: &Spiral<K>| scaled.beyond(spiral).iter().fold(0.0, |m: f64, b| m.max(*b));
         let restored = |spiral: &Spiral<K>| scaled.restored(spiral).map_or(f64::INFINITY, |p| worst(&p.jet.spiral));
         if worst(&root) < WILD - 1.0 || restored(&tame) >= worst(&root) {
@@ -236,6 +270,10 @@ impl<const K: usize> Run<K> {
             if model.variables == 0 {
                 return (if scaled.holds(&at.beyond) { Status::Solved } else { stuck() }, at);
             }
+            let begun = self.programs > 0 || !scaled.always_convex;
+            if begun && at.broken() <= 0.0 && model.gain().is_some_and(|g| g <= LITTLE_TO_GAIN * at.floor()) {
+                return (self.status(&last, at.floor()), at);
+            }
             self.iterations += 1;
             for (side, beyond) in sides.iter_mut().zip(at.beyond) {
                 *side |= beyond > -COMES_NEAR;
@@ -245,7 +283,7 @@ impl<const K: usize> Run<K> {
             let Some(step) = shortcut.or_else(|| self.program(&model, sides, &mut pace)) else {
                 return (stuck(), best);
             };
-            let floor = at.objective.abs().max(SMALLEST_OBJECTIVE);
+            let floor = at.floor();
             let price = if held_back || step.price > 0.0 { 2.0 * step.price } else { model.stiffness() };
             pace.penalty = price.max(0.2 * pace.penalty);
             let promised = -model.change(&step.shares) + pace.penalty * (at.broken() - step.broken);
@@ -355,6 +393,27 @@ fn drawn<const K: usize>(cubic: &CubicSpiral) -> Spiral<K> {
     Spiral { knots, length: cubic.length }
 }
 
+/// The least bent quintic with a quintic's ends, to first order in the heading: same length, curvatures at the ends,
+/// heading at the end and mean heading, which is the direction of the chord. Changes of the curvature that leave these alone
+/// are u (1−u) times polynomials that are orthogonal to 1 and u under that weight, with t = 2u − 1 the Gegenbauer polynomials
+/// 5t² − 1 and 7t³ − 3t; one being even and the other odd, each has its own share.
+fn unbent<const K: usize>(mut spiral: Spiral<K>) -> Spiral<K> {
+    if K < 6 {
+        return spiral;
+    }
+    let mass = &Tables::<K>::MASS;
+    for polynomial in [|t: f64| 5.0 * t * t - 1.0, |t: f64| 7.0 * t * t * t - 3.0 * t] {
+        let change: [f64; K] = std::array::from_fn(|i| {
+            let t = 2.0 * i as f64 / (K - 1) as f64 - 1.0;
+            (1.0 - t * t) * polynomial(t)
+        });
+        let bent: [f64; K] = std::array::from_fn(|i| dot(&mass[i], &change));
+        let share = dot(&bent, &spiral.knots) / dot(&bent, &change);
+        add(&mut spiral.knots, -share, &change);
+    }
+    spiral
+}
+
 /// The quadratic model about a place, with the multipliers that the last step gave.
 fn model<'a, const K: usize>(scaled: &'a Scaled<K>, place: &'a Place<K>, last: &Step<K>) -> Option<Model<'a, K>> {
     let rows = scaled.rows(place, &[None; 4]);
@@ -409,70 +468,6 @@ fn convexify<const K: usize>(hessian: &mut [[f64; K]; K], count: usize) -> Optio
     None
 }
 
-/// Whether the conditions that are linear in the knots and the length contradict each other: bounds at many points, end
-/// curvature and rates, and that turning takes curvature and length. Only ever true if there is no spiral.
-fn contradictory<const K: usize>(scaled: &Scaled<K>) -> bool {
-    /// Places at which the bounds are asked for.
-    const PLACES: usize = 20;
-    let length = K - 1;
-    let mut program = QuadraticProgram::new(K);
-    for i in 0..K {
-        program.add_square(1.0, &[(i, 1.0)], 0.0);
-    }
-    let [kappa, rate] = scaled.bounds;
-    let knots = |basis: &dyn Fn(&Polynomial<K>) -> f64| -> (Vec<Term>, f64) {
-        let values = Tables::<K>::BASIS.map(|b| basis(&Polynomial(b)));
-        (values[1..].iter().copied().enumerate().collect(), values[0] * scaled.start_curvature)
-    };
-    for place in 0..=PLACES {
-        let u = place as f64 / PLACES as f64;
-        let (row, known) = knots(&|p| p.value(u));
-        program.between(-kappa - known, &row, kappa - known);
-        if rate < f64::INFINITY {
-            for sign in [1.0, -1.0] {
-                let (mut row, known) = knots(&|p| sign * p.derivative(u));
-                row.push((length, -rate));
-                program.between(f64::NEG_INFINITY, &row, -known);
-            }
-        }
-    }
-    for (end, wanted) in scaled.rates.iter().enumerate() {
-        if let Some(wanted) = wanted {
-            let (mut row, known) = knots(&|p| p.derivative(end as f64));
-            row.push((length, -wanted));
-            program.equal(&row, -known);
-        }
-    }
-    let limits = |condition: EndCondition| match condition {
-        EndCondition::Fixed => Some((0.0, 0.0)),
-        EndCondition::Range(low, high) => Some((low, high)),
-        EndCondition::Free | EndCondition::Soft { .. } => None,
-    };
-    let [along, across, heading, curvature] = scaled.conditions.map(limits);
-    if let Some((low, high)) = curvature {
-        program.between(scaled.end_curvature + low, &[(K - 2, 1.0)], scaled.end_curvature + high);
-    }
-    let position_pinned = along == Some((0.0, 0.0)) && across == Some((0.0, 0.0));
-    let mut shortest = if position_pinned { 1.0 } else { LENGTHS.0 };
-    if let Some((low, high)) = heading {
-        // the turning that is needed on either side: mean curvature times length
-        let (left, right) = (scaled.target.yaw + low, scaled.target.yaw + high);
-        shortest = f64::max(shortest, left.max(-right) / kappa);
-        let (row, known) = knots(&|p| p.integral(1.0));
-        if left > 0.0 {
-            program.between(left / LENGTHS.1 - known, &row, f64::INFINITY);
-        }
-        if right < 0.0 {
-            program.between(f64::NEG_INFINITY, &row, right / LENGTHS.1 - known);
-        }
-    }
-    if shortest > LENGTHS.1 {
-        return true;
-    }
-    program.between(shortest, &[(length, 1.0)], LENGTHS.1);
-    program.solve().status == crate::convex::Status::Infeasible
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -520,6 +515,28 @@ mod tests {
             }
         }
         convex
+    }
+
+    #[test]
+    fn the_unbent_quintic_keeps_what_it_should_and_bends_least() {
+        for (start, end, curvature) in lattice_problems(50) {
+            let root: Spiral<6> = drawn(&connect(start, &end, curvature).unwrap());
+            let least = unbent(root);
+            // ∫κ and ∫∫κ, by exact sums over the basis
+            let mean = |s: &Spiral<6>| -> f64 {
+                let heading = s.curvature_polynomial().0;
+                heading.iter().enumerate().map(|(p, c)| c / ((p + 1) as f64 * (p + 2) as f64)).sum()
+            };
+            assert_eq!((least.knots[0], least.knots[5], least.length), (root.knots[0], root.knots[5], root.length));
+            assert!((least.heading_change(least.length) - root.heading_change(root.length)).abs() < 1e-12);
+            assert!((mean(&least) - mean(&root)).abs() < 1e-12);
+            assert!(least.bending_energy() <= root.bending_energy());
+            // nothing is left to gain, and every curvature that was changed by such polynomials has the same least
+            let again = unbent(least);
+            assert!(least.knots.iter().zip(again.knots).all(|(a, b)| (a - b).abs() < 1e-14));
+        }
+        let cubic = Spiral { knots: [0.1, -0.2, 0.3, 0.0], length: 20.0 };
+        assert_eq!(unbent(cubic), cubic, "a cubic has no such freedom");
     }
 
     #[test]

@@ -130,11 +130,22 @@ impl<const K: usize> Model<'_, K> {
         step
     }
 
+    /// By how much the objective could fall if nothing were bounded: half the squared Newton decrement (Boyd &
+    /// Vandenberghe, 9.5.1). Inequalities can only leave less.
+    pub(super) fn gain(&self) -> Option<f64> {
+        self.least().map(|shares| -self.change(&shares))
+    }
+
+    /// Where the model is least if nothing is bounded.
+    fn least(&self) -> Option<[f64; K]> {
+        let factor = cholesky(&self.hessian, self.variables)?;
+        Some(solved(&factor, &self.gradient, self.variables))
+    }
+
     /// The least of the model, if it lies in the trust region and keeps ranges and lengths: then it is what the program
     /// without bounds would find.
     pub(super) fn unconstrained(&self, radius: f64) -> Option<Step<K>> {
-        let factor = cholesky(&self.hessian, self.variables)?;
-        let shares = solved(&factor, &self.gradient, self.variables);
+        let shares = self.least()?;
         if shares.iter().any(|s| s.abs() > radius) {
             return None;
         }
@@ -150,7 +161,22 @@ impl<const K: usize> Model<'_, K> {
     }
 
     /// The program, by Clarabel. `None` if it has no solution or the solver failed.
+    ///
+    /// The trust region is left out where no bound is near and the model's least lies inside: the program is half as large
+    /// without its rows.
     pub(super) fn solve(&self, bounds: &Bounds) -> Option<Step<K>> {
+        let inside = |shares: &[f64; K]| shares.iter().all(|share| share.abs() <= bounds.radius);
+        if !bounds.sides.contains(&true) && self.least().is_some_and(|least| inside(&least)) {
+            let step = self.solve_within(bounds, f64::INFINITY)?;
+            if inside(&step.shares) {
+                return Some(step);
+            }
+        }
+        self.solve_within(bounds, bounds.radius)
+    }
+
+    /// The program with shares of this size at most.
+    fn solve_within(&self, bounds: &Bounds, most: f64) -> Option<Step<K>> {
         let mut assembly = self.assembly(bounds);
         for (side, wanted) in SIDES.iter().zip(bounds.sides) {
             if wanted {
@@ -159,7 +185,7 @@ impl<const K: usize> Model<'_, K> {
         }
         // last, so that the rows with multipliers to read come first
         for i in 0..self.variables {
-            assembly.program.between(-bounds.radius, &[(i, 1.0)], bounds.radius);
+            assembly.program.between(-most, &[(i, 1.0)], most);
         }
         if let Some(t) = assembly.elastic {
             assembly.program.between(0.0, &[(t, 1.0)], f64::INFINITY);
@@ -170,7 +196,7 @@ impl<const K: usize> Model<'_, K> {
             solution = assembly.program.solve();
         }
         if !solution.is_usable() {
-            debug_assert!(solution.status != Status::Unbounded, "the trust region bounds every variable");
+            debug_assert!(solution.status != Status::Unbounded, "the Hessian is positive definite");
             return None;
         }
         let mut step = Step::free([0.0; K]);
@@ -178,7 +204,8 @@ impl<const K: usize> Model<'_, K> {
             *share = solution.x[i];
         }
         step.broken = assembly.elastic.map_or(0.0, |t| solution.x[t].max(0.0));
-        let unread = 2 * self.variables + usize::from(assembly.elastic.is_some());
+        let trusted = if most.is_finite() { 2 * self.variables } else { 0 };
+        let unread = trusted + usize::from(assembly.elastic.is_some());
         let conic = solution.multipliers.iter().skip(assembly.inequalities.len() + unread);
         for ((row, origin), multiplier) in assembly.inequalities.iter().zip(&solution.multipliers) {
             match origin {

@@ -56,9 +56,9 @@ pub struct PathPoint {
 /// Turning (rad, as bounded by [`Spiral::turning_bound`]) up to which one eight-point panel is enough. It is small
 /// because the bound does not see how fast curvature varies: a knot pattern of (0, −1, 2, 0) is the bad case, with an
 /// error growing as turning⁴.
-const TURN_OF_ONE_PANEL: f64 = 0.4;
+const TURN_OF_ONE_PANEL: f64 = 0.3;
 /// Turning (rad) for each further panel, from the second on: errors below 1e-9 m on 60 m, by the tests below.
-const TURN_PER_PANEL: f64 = 2.5;
+const TURN_PER_PANEL: f64 = 2.0;
 /// The same for a quintic, which varies faster than its bound tells.
 const TURN_PER_PANEL_OF_A_QUINTIC: f64 = 1.25;
 /// A step of a sweep as short as this against the spiral, and turning as little as this (rad), needs three points only.

@@ -175,26 +175,15 @@ fn mean_heading([k0, k1, k2, k3]: &[f64; 4]) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::bench::problems;
 
     /// A lattice problem: start curvature, end pose, end curvature.
     pub(crate) type Problem = (f64, Pose, f64);
 
-    /// Reproducible lattice problems: 10…40 m ahead, ±8 m across, ±0.5 rad, curvatures ±0.1 (splitmix64).
+    /// The problems that the published figures are about, as tuples.
     pub(crate) fn lattice_problems(count: usize) -> Vec<Problem> {
-        let mut state = 7_u64;
-        let mut uniform = move |low: f64, high: f64| {
-            state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-            let mut z = state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-            low + (high - low) * ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..count)
-            .map(|_| {
-                let end = Pose::new(uniform(10.0, 40.0), uniform(-8.0, 8.0), uniform(-0.5, 0.5));
-                (uniform(-0.1, 0.1), end, uniform(-0.1, 0.1))
-            })
-            .collect()
+        let problems = problems::lattice_problems(problems::SEED, count);
+        problems.into_iter().map(|p| (p.start_curvature, p.end, p.end_curvature)).collect()
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! What can be so wrong with a scenario file that it is not read.
 
+use crate::io::files::InputError;
+
 /// Where in a file something is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
@@ -21,22 +23,9 @@ impl std::fmt::Display for Place {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The operating system refused.
-    #[error("{file}: cannot be read: {source}")]
-    Io {
-        /// The file.
-        file: String,
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// The file never seems to end.
-    #[error("{file}: larger than {limit} bytes")]
-    TooLarge {
-        /// The file.
-        file: String,
-        /// The limit, bytes.
-        limit: u64,
-    },
+    /// The file cannot be read, whatever is in it.
+    #[error(transparent)]
+    Input(#[from] InputError),
     /// The file is not UTF-8 text.
     #[error("{file}:{line}: not UTF-8 text")]
     NotUtf8 {

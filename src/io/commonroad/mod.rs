@@ -28,11 +28,11 @@ mod xml;
 #[cfg(test)]
 mod tests;
 
-use std::io::Read as _;
 use std::path::Path;
 
 pub use error::{Place, ReadError};
 
+use crate::io::files;
 use crate::map::Scenario;
 use xml::{Node, Source};
 
@@ -54,12 +54,7 @@ const TIME_STEPS: std::ops::RangeInclusive<f64> = 1e-3..=10.0;
 /// The file cannot be read, is not a CommonRoad scenario, or holds something that cannot be understood safely.
 pub fn read_file(path: &Path) -> Result<Scenario, ReadError> {
     let name = path.display().to_string();
-    let io_error = |source| ReadError::Io { file: name.clone(), source };
-    let mut bytes = Vec::new();
-    std::fs::File::open(path).map_err(io_error)?.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(io_error)?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(ReadError::TooLarge { file: name, limit: MAX_BYTES });
-    }
+    let bytes = files::read(path, MAX_BYTES)?;
     match std::str::from_utf8(&bytes) {
         Ok(text) => read_str(&name, text),
         Err(e) => {

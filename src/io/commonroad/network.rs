@@ -49,11 +49,8 @@ fn lanelet(source: &mut Source, node: Node) -> Result<Lanelet, ReadError> {
     let (left_points, right_points) = (source.points(left_node)?, source.points(right_node)?);
     let left = bound(source, left_node, &left_points)?;
     let right = bound(source, right_node, &right_points)?;
-    let centre = centre_line(&left_points, &right_points, &left, &right).ok_or_else(|| ReadError::BadPoints {
-        place: source.place(node),
-        found: 1,
-        expected: "a centre line of 2",
-    })?;
+    let centre = Lanelet::centre_line(&left_points, &right_points, &left, &right)
+        .ok_or_else(|| ReadError::BadPoints { place: source.place(node), found: 1, expected: "a centre line of 2" })?;
     let mut lanelet = Lanelet {
         id,
         successors: unique(source.references(node, "successor")?),
@@ -96,20 +93,6 @@ fn bound(source: &Source, node: Node, points: &[Point]) -> Result<Polyline, Read
         return Err(source.bad_value(node, &found, "a length of at most 100 km"));
     }
     Ok(bound)
-}
-
-/// The middle between the bounds: of points that belong together where both bounds have as many, else of points at
-/// equal shares of the bounds' lengths.
-fn centre_line(left_points: &[Point], right_points: &[Point], left: &Polyline, right: &Polyline) -> Option<Polyline> {
-    if left_points.len() == right_points.len() {
-        return Polyline::new(left_points.iter().zip(right_points).map(|(l, r)| nalgebra::center(l, r)));
-    }
-    let last = left_points.len().max(right_points.len()) - 1;
-    #[allow(clippy::cast_precision_loss)] // a count of points
-    Polyline::new((0..=last).map(|i| {
-        let share = i as f64 / last as f64;
-        nalgebra::center(&left.at(share * left.length()), &right.at(share * right.length()))
-    }))
 }
 
 /// Positive for counter-clockwise outlines.

@@ -535,8 +535,8 @@ fn files_that_cannot_be_read_say_why() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("none.xml");
     let error = super::read_file(&path).unwrap_err();
-    assert!(matches!(error, ReadError::Io { .. }) && error.to_string().contains("none.xml"), "{error}");
-    assert!(matches!(super::read_file(folder.path()), Err(ReadError::Io { .. })), "a folder");
+    assert!(matches!(error, ReadError::Input(_)) && error.to_string().contains("none.xml"), "{error}");
+    assert!(matches!(super::read_file(folder.path()), Err(ReadError::Input(_))), "a folder");
     std::fs::write(&path, b"<commonRoad>\n\xff\xfe</commonRoad>").unwrap();
     assert!(matches!(super::read_file(&path), Err(ReadError::NotUtf8 { line: 2, .. })));
     std::fs::write(&path, SMALL).unwrap();

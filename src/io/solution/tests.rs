@@ -1,73 +1,22 @@
 //! The fit against logs of a car on tyres (dynamic single track with linear tyres and relaxed braking to rest).
 
 use super::*;
+use crate::fixtures;
 use crate::map::{InitialState, RoadNetwork};
 use crate::simulation::Sample;
-use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres};
 
-/// The published BMW 320i.
+/// The published BMW 320i, to all its digits: the fit is to a millimetre.
 fn bmw() -> Vehicle {
-    Vehicle {
-        name: "bmw_320i".into(),
-        commonroad_type: Some(2),
-        footprint: Footprint::rectangle(4.508, 1.610, 1.422_717_093_6),
-        length: 4.508,
-        width: 1.610,
-        wheelbase: 1.156_195_706_4 + 1.422_717_093_6,
-        rear_axle_to_centre: 1.422_717_093_6,
-        rear_axle_to_mass: 1.422_717_093_6,
-        mass_height: 0.5577,
-        track_width: 1.4,
-        mass: 1093.295,
-        yaw_inertia: 1791.6,
-        wheel_radius: 0.344,
-        wheel_inertia: 1.7,
-        limits: Limits {
-            steering: 1.066,
-            steering_rate: 0.4,
-            steering_acceleration: 20.0,
-            speed: 50.8,
-            acceleration: 11.5,
-            switching_speed: 7.319,
-            deceleration: 11.5,
-        },
-        tyres: Tyres {
-            friction: 1.0489,
-            cornering_front: 20.898,
-            cornering_rear: 20.898,
-            longitudinal: 22.0,
-            relaxation_length: 0.3,
-            rolling_resistance: 0.0,
-            drag: 0.0,
-        },
-        actuators: Actuators {
-            drive_lag: 0.1,
-            brake_lag: 0.1,
-            steering_lag: 0.05,
-            drive_front_share: 0.0,
-            brake_front_share: 0.6,
-        },
-        comfort: Comfort {
-            acceleration: 2.0,
-            deceleration: 2.0,
-            aggressive_deceleration: 6.0,
-            lateral_acceleration: 2.0,
-            jerk: 2.0,
-        },
-    }
+    crate::vehicle::load("bmw_320i").unwrap()
 }
 
 fn scenario(centre: Pose, speed: f64, dt: f64) -> Scenario {
     let initial = InitialState { centre, speed, acceleration: 0.0, yaw_rate: 0.0, time_step: 0 };
     Scenario {
         id: "ZAM_Slip-1_1_T-1".into(),
-        version: "2020a".into(),
         time_step: dt,
-        network: RoadNetwork::default(),
-        obstacles: vec![],
-        occupancy: None,
         problems: vec![PlanningProblem { id: 7, initial, goals: vec![] }],
-        issues: vec![],
+        ..fixtures::scenario(RoadNetwork::default(), vec![])
     }
 }
 

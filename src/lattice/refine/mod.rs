@@ -229,12 +229,13 @@ impl<'a> Stage<'a> {
             let end = spiral.end(&start);
             let ends = reference.project_near(end.position, station + spiral.length).s;
             let before = if i == 0 { &self.before } else { &Before::NOTHING };
-            let least = least_terms(self.ground, &start, &spiral, (station, ends), self.weights);
+            let (least, bends) = least_terms(self.ground, &start, &spiral, (station, ends), self.weights);
             let checked = checked(self.ground, (&start, &spiral), &least, before, self.weights);
             if checked.blocked_by.is_some() {
                 return None;
             }
-            terms = terms.plus(&checked.terms);
+            let slowing = self.weights.slowing * bends.slowing(spiral.length, self.ground.full_speed_curvature);
+            terms = terms.plus(&CostTerms { slowing, ..checked.terms });
             (start, station) = (end, ends);
         }
         let leaving = self.commitment.cost(&self.assembled(chain)?);
@@ -317,6 +318,7 @@ impl<'a> Stage<'a> {
         let terms = CostTerms {
             offset: old.offset + now.offset - before.offset,
             bending: old.bending + now.bending - before.bending,
+            slowing: old.slowing + now.slowing - before.slowing,
             clearance: old.clearance + now.clearance - before.clearance,
             lane: old.lane + now.lane - before.lane,
             ..*old

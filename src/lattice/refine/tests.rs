@@ -1,10 +1,10 @@
 use super::*;
 use crate::collision::{CollisionSettings, CollisionWorld};
+use crate::fixtures;
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::connect;
-use crate::map::{Lanelet, Motion, Obstacle, ObstacleKind, RoadNetwork, Scenario, Shape};
+use crate::map::{Lanelet, RoadNetwork, Scenario};
 use crate::reference::{ReferenceLine, ReferenceSettings};
-use std::collections::BTreeMap;
 
 /// One wide lane along an arc, and parked cars on it.
 struct Scene {
@@ -55,41 +55,13 @@ impl Scene {
         const HALF_WIDTH: f64 = 4.5;
         let line =
             |l: f64| Polyline::new((0..=160).map(|i| self.at(f64::from(i) - 20.0, self.side * l).position)).unwrap();
-        let lanelet = Lanelet {
-            id: 1,
-            left: line(HALF_WIDTH),
-            right: line(-HALF_WIDTH),
-            centre: line(0.0),
-            successors: vec![],
-            predecessors: vec![],
-            adjacent_left: None,
-            adjacent_right: None,
-            speed_limit: None,
-            stop_line: None,
-            signs: vec![],
-            lights: vec![],
-            types: vec![],
-        };
-        RoadNetwork { lanelets: BTreeMap::from([(1, lanelet)]), ..RoadNetwork::default() }
+        let bounded = fixtures::lanelet(1, line(-HALF_WIDTH), line(HALF_WIDTH));
+        fixtures::network([Lanelet { centre: line(0.0), ..bounded }])
     }
 
     fn scenario(&self) -> Scenario {
-        let car = |(id, &(s, l)): (i64, &(f64, f64))| Obstacle {
-            id,
-            kind: ObstacleKind::ParkedVehicle,
-            shape: Shape::rectangle(4.5, 1.8),
-            motion: Motion::Static(self.at(s, l)),
-        };
-        Scenario {
-            id: "test".into(),
-            version: "2020a".into(),
-            time_step: 0.1,
-            network: self.network(),
-            obstacles: (10..).zip(&self.cars).map(car).collect(),
-            occupancy: None,
-            problems: vec![],
-            issues: vec![],
-        }
+        let car = |(id, &(s, l)): (i64, &(f64, f64))| fixtures::parked(id, self.at(s, l), 4.5, 1.8);
+        fixtures::scenario(self.network(), (10..).zip(&self.cars).map(car).collect())
     }
 
     fn with_ground<T>(&self, test: impl FnOnce(&Ground<'_>) -> T) -> T {
@@ -98,7 +70,9 @@ impl Scene {
         let reference = ReferenceLine::new(&scenario.network, &[1], vehicle.width, &ReferenceSettings::default());
         let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
         let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
-        test(&Ground { reference: &reference.unwrap(), world: &world, max_curvature, half_width })
+        // 11 m/s at the car's comfort
+        let full_speed_curvature = 3.0 / 121.0;
+        test(&Ground { reference: &reference.unwrap(), world: &world, max_curvature, full_speed_curvature, half_width })
     }
 
     /// The path that the lattice would have through nodes.
@@ -188,15 +162,19 @@ fn cost_and_bending_energy_go_down_and_the_ends_stay() {
 #[test]
 fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
     Scene::slalom().with_ground(|ground| {
+        // 20 m/s at the car's comfort: too fast for the slalom
+        let ground = &Ground { full_speed_curvature: 3.0 / 400.0, ..*ground };
         let path = Scene::slalom().path(ground, &SLALOM);
         let better = refine(ground, &path, &RefinementSettings::default()).unwrap();
         let weights = Weights::default();
         let mut sum = CostTerms { missing: 5.0, ..CostTerms::default() };
         for (_, start, spiral) in better.path.pieces() {
             let ends = [*start, spiral.end(start)].map(|p| ground.reference.project(p.position).s);
-            let least = least_terms(ground, start, spiral, ends.into(), &weights);
+            let (least, bends) = least_terms(ground, start, spiral, ends.into(), &weights);
             sum = sum.plus(&checked(ground, (start, spiral), &least, &Before::NOTHING, &weights).terms);
+            sum.slowing += weights.slowing * bends.slowing(spiral.length, ground.full_speed_curvature);
         }
+        assert!(sum.slowing > 0.0, "the slalom must be too sharp somewhere");
         assert!((sum.total() - better.terms.total()).abs() < 1e-9, "{sum:?} {:?}", better.terms);
     });
 }

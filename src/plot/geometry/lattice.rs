@@ -60,6 +60,7 @@ impl<'a> Stage<'a> {
             reference: &self.reference,
             world: &self.world,
             max_curvature: self.vehicle.max_curvature(),
+            full_speed_curvature: self.vehicle.comfort.lateral_acceleration / (SPEED * SPEED),
             half_width: 0.5 * self.vehicle.width,
         }
     }
