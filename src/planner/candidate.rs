@@ -8,7 +8,8 @@ use crate::lattice::LatticePath;
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
 use crate::speed::{
-    AccelerationLimits, Nothing, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, search, smoothing,
+    AccelerationLimits, Nothing, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
+    search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
 use crate::vehicle::Vehicle;
@@ -63,6 +64,13 @@ pub(super) struct Proven {
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
 }
 
+impl Proven {
+    /// Proves the searched profile again, by other code than the search: what is committed has to pass.
+    pub(super) fn proved_again(&self) -> Result<(), Refutation> {
+        prove(&self.problem, &self.searched)
+    }
+}
+
 /// The speed layer's answer for one path.
 pub(super) enum Evaluation {
     Proven(Box<Proven>),
@@ -94,6 +102,9 @@ impl Situation<'_> {
                 Evaluation::Rejected { why, expansions }
             }
             SpeedOutcome::Proven { mut plan, .. } => {
+                if let Some(brisk) = tail::without_creeping(&problem, &plan) {
+                    plan = brisk;
+                }
                 let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let caps = self.hard_caps(path, &problem.stations);

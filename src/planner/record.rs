@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::geometry::Point;
 use crate::lattice::{CostTerms, EdgeCounts};
+use crate::speed::smoothing;
 use crate::trajectory::{Path, Trajectory};
 
 /// What one planning cycle saw and chose. Everything that pictures, recordings and reports need.
@@ -28,8 +29,8 @@ pub struct Cycle {
     pub edges: EdgeCounts,
     /// Search expansions of the speed layer, over all candidates.
     pub expansions: usize,
-    /// Whether the committed profile is jerk-limited; if not, the searched one stands because no smooth one was proved.
-    pub is_smooth: bool,
+    /// How smooth the committed profile is, and if not, why.
+    pub smoothing: Smoothing,
     /// Whether the committed path is a refined one; if not, the lattice's own stands.
     pub is_refined: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
@@ -80,23 +81,30 @@ pub enum Rejection {
     NoProofInBudget,
     /// `no_profile`: the speeds found do not make a profile; a fault of the search, told and survived.
     NoProfile,
+    /// `refuted`: its searched profile failed when it was proved again by other code; a fault of the search, told and
+    /// survived.
+    Refuted,
     /// `dearer`: another candidate with a proven stop costs less. Where its cost was above that one's before, its speed
     /// was not searched.
     Dearer,
     /// `in_force`: the best of its cycle, and not worth leaving the final approach of the plan in force.
     InForce,
+    /// `rough`: the best of its cycle, but its profile can't be made as smooth as the young plan in force, which is proven.
+    Rough,
 }
 
 impl Rejection {
     /// Every reason, in the order in which they are checked.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::TooSharp,
         Self::NoRoom,
         Self::NoProof,
         Self::NoProofInBudget,
         Self::NoProfile,
+        Self::Refuted,
         Self::Dearer,
         Self::InForce,
+        Self::Rough,
     ];
 
     /// The stable code used in reports.
@@ -108,15 +116,17 @@ impl Rejection {
             Self::NoProof => "no_proof",
             Self::NoProofInBudget => "no_proof_in_budget",
             Self::NoProfile => "no_profile",
+            Self::Refuted => "refuted",
             Self::Dearer => "dearer",
             Self::InForce => "in_force",
+            Self::Rough => "rough",
         }
     }
 
     /// Whether the candidate could not be taken; if not, it could, and there was a better one.
     #[must_use]
     pub fn is_refusal(self) -> bool {
-        !matches!(self, Self::Dearer | Self::InForce)
+        !matches!(self, Self::Dearer | Self::InForce | Self::Rough)
     }
 }
 
@@ -142,6 +152,45 @@ impl Decision {
             Self::NewPlan { .. } => "new_plan",
             Self::KeepLast => "keep_last",
             Self::Unproven => "unproven",
+        }
+    }
+}
+
+/// What became of the smoothing of a committed profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Smoothing {
+    /// Within the comfortable jerk, and proved again.
+    Comfortable,
+    /// No profile within the comfortable jerk could be proved; this one is within the firm jerk, and was proved again.
+    Firm,
+    /// The searched profile stands, proved again: its acceleration jumps. Says why no smooth one does.
+    Unsmoothed(smoothing::Failure),
+    /// Nothing was ever proven: braking as hard as the tyres allow.
+    EmergencyStop,
+}
+
+impl Smoothing {
+    /// The stable codes used in reports.
+    pub const CODES: [&'static str; 4] = ["comfortable", "firm", "unsmoothed", "emergency_stop"];
+
+    /// The stable code used in reports.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Comfortable => "comfortable",
+            Self::Firm => "firm",
+            Self::Unsmoothed(_) => "unsmoothed",
+            Self::EmergencyStop => "emergency_stop",
+        }
+    }
+
+    /// Orders profiles by how rough they are.
+    pub(super) fn roughness(self) -> usize {
+        match self {
+            Self::Comfortable => 0,
+            Self::Firm => 1,
+            Self::Unsmoothed(_) => 2,
+            Self::EmergencyStop => 3,
         }
     }
 }
@@ -177,6 +226,6 @@ mod tests {
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
-        assert_eq!(Rejection::ALL[6], Rejection::InForce, "the last one is in the list");
+        assert_eq!(Rejection::ALL[8], Rejection::Rough, "the last one is in the list");
     }
 }

@@ -279,7 +279,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         chosen: (!kept).then_some(0),
         edges: Default::default(),
         expansions: 120,
-        is_smooth: true,
+        smoothing: crate::planner::Smoothing::Comfortable,
         is_refined: false,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
     }

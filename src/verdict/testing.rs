@@ -202,7 +202,7 @@ pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
         chosen: None,
         edges: Default::default(),
         expansions: 0,
-        is_smooth: true,
+        smoothing: crate::planner::Smoothing::Comfortable,
         is_refined: false,
         stage_seconds: StageSeconds::default(),
     }
