@@ -113,9 +113,12 @@ impl Situation<'_> {
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::unsmoothed(&problem, &plan).zip(progress) {
                     Some((searched, progress)) => Evaluation::Proven(Box::new(Proven {
+                        #[cfg(test)]
+                        searched: fault::applied(searched),
+                        #[cfg(not(test))]
+                        searched,
                         problem,
                         guide_caps,
-                        searched,
                         progress,
                         expansions,
                         blocked,
@@ -311,6 +314,27 @@ fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> 
         }
     }
     merged
+}
+
+/// A fault of the search, for tests of what guards against one.
+#[cfg(test)]
+pub(super) mod fault {
+    use std::cell::Cell;
+
+    use crate::trajectory::{SpeedKnot, SpeedProfile};
+
+    thread_local! {
+        /// Whether searched profiles of this thread end moving.
+        pub(in crate::planner) static ENDS_MOVING: Cell<bool> = const { Cell::new(false) };
+    }
+
+    pub(super) fn applied(searched: SpeedProfile) -> SpeedProfile {
+        if !ENDS_MOVING.get() {
+            return searched;
+        }
+        let moving = |k: &SpeedKnot| SpeedKnot { speed: k.speed.max(0.5), ..*k };
+        SpeedProfile::new(searched.knots().iter().map(moving).collect()).unwrap_or(searched)
+    }
 }
 
 #[cfg(test)]

@@ -100,3 +100,57 @@ fn take_if_better(best: &mut Option<Choice>, pair: Choice, record: &mut CycleRec
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::candidate::fault::ENDS_MOVING;
+    use super::super::{Cycle, Decision, Settings};
+    use super::*;
+    use crate::vehicle::State;
+
+    /// The first cycle of one of the project's own maps, on so many threads.
+    fn first_cycle(map: &str, threads: usize, faulty: bool) -> Cycle {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("maps").join(map);
+        let scenario = crate::io::commonroad::read_file(&file).unwrap();
+        let vehicle = crate::vehicle::load("bmw_320i").unwrap();
+        let problem = &scenario.problems[0];
+        let settings = Settings::default();
+        let state = State {
+            time: 0.0,
+            pose: vehicle.rear_axle_of_centre(&problem.initial.centre),
+            speed: problem.initial.speed,
+            acceleration: 0.0,
+            yaw_rate: 0.0,
+            steering: 0.0,
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            ENDS_MOVING.set(faulty);
+            Planner::new(&scenario, problem, &vehicle, &settings, 30.0).unwrap().cycle(&state)
+        })
+    }
+
+    #[test]
+    fn a_searched_profile_that_fails_its_second_proof_is_never_committed() {
+        let sound = first_cycle("straight_100m.xml", 1, false);
+        assert!(matches!(sound.decision, Decision::NewPlan { .. }));
+        assert_eq!(sound.rejections(Rejection::Refuted), 0);
+        let faulty = first_cycle("straight_100m.xml", 1, true);
+        assert_eq!(faulty.decision, Decision::Unproven);
+        assert!(faulty.rejections(Rejection::Refuted) > 0 && faulty.chosen.is_none());
+    }
+
+    #[test]
+    fn searching_ahead_on_more_threads_changes_no_record() {
+        for map in ["slalom.xml", "pedestrian.xml"] {
+            let one = first_cycle(map, 1, false);
+            for threads in [2, 3, 7] {
+                let several = first_cycle(map, threads, false);
+                let untimed = Cycle { stage_seconds: one.stage_seconds, ..several };
+                assert!(untimed == one, "{map} on {threads} threads");
+            }
+        }
+    }
+}

@@ -159,19 +159,15 @@ impl<'a> Planner<'a> {
             record.attempt = attempt;
             Some((*rung, self.choose(&start, *rung, &mut record)?))
         });
-        let choice = choice.filter(|(_, c)| self.is_worth_taking(&start, c, &mut record));
-        let choice = choice.map(|(rung, choice)| {
-            let choice = self.refined(&start, rung, choice, &mut record);
-            let smoothing_begun = Instant::now();
-            let smoothed = self.smoothed(&start, &choice);
-            record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
-            (choice, smoothed)
-        });
-        let (decision, blocked) = match choice.filter(|(c, s)| self.is_smooth_enough(&start, c, s.1, &mut record)) {
-            Some((choice, (profile, smoothing))) => {
+        let (decision, blocked) = match choice.filter(|(_, c)| self.is_worth_taking(&start, c, &mut record)) {
+            Some((rung, choice)) => {
+                let choice = self.refined(&start, rung, choice, &mut record);
                 record.is_refined = choice.is_refined;
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
+                let smoothing_begun = Instant::now();
+                let (profile, smoothing) = self.smoothed(&start, &choice);
+                record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
@@ -386,20 +382,7 @@ impl<'a> Planner<'a> {
         match smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings) {
             Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
             Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
-            Err(why) => {
-                eprintln!(
-                    "UNSMOOTHED t {:.2} v {:.2} a {:.2} plan {} ends {:.2} dur {:.1} rung dec {} {why:?} peak {:?}",
-                    start.point.time,
-                    start.point.speed,
-                    start.point.acceleration,
-                    start.on_plan,
-                    searched.last().station,
-                    searched.duration(),
-                    choice.deceleration,
-                    searched.knots().iter().map(|k| k.acceleration).fold(0.0, f64::min)
-                );
-                (searched.clone(), Smoothing::Unsmoothed(why))
-            }
+            Err(why) => (searched.clone(), Smoothing::Unsmoothed(why)),
         }
     }
 
@@ -411,20 +394,6 @@ impl<'a> Planner<'a> {
             record.reject(choice.candidate, Rejection::InForce);
         }
         worth
-    }
-
-    /// Whether a new plan is as smooth as the one in force, or that one is too old to be kept for its smoothness: its tail
-    /// is a stop, and soon nothing else would be left of it.
-    fn is_smooth_enough(&self, start: &Start, choice: &Choice, new: Smoothing, record: &mut CycleRecord) -> bool {
-        let in_force = self.committed.as_ref().filter(|c| start.on_plan && c.is_proven);
-        let keep: f64 = std::env::var("KEEP").map_or(0.0, |s| s.parse().unwrap());
-        let is_kept = in_force.is_some_and(|c| {
-            c.smoothing.roughness() < new.roughness() && start.point.time - c.trajectory.start_time < keep
-        });
-        if is_kept {
-            record.reject(choice.candidate, Rejection::Rough);
-        }
-        !is_kept
     }
 
     /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.

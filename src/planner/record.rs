@@ -89,13 +89,11 @@ pub enum Rejection {
     Dearer,
     /// `in_force`: the best of its cycle, and not worth leaving the final approach of the plan in force.
     InForce,
-    /// `rough`: the best of its cycle, but its profile can't be made as smooth as the young plan in force, which is proven.
-    Rough,
 }
 
 impl Rejection {
     /// Every reason, in the order in which they are checked.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 8] = [
         Self::TooSharp,
         Self::NoRoom,
         Self::NoProof,
@@ -104,7 +102,6 @@ impl Rejection {
         Self::Refuted,
         Self::Dearer,
         Self::InForce,
-        Self::Rough,
     ];
 
     /// The stable code used in reports.
@@ -119,14 +116,13 @@ impl Rejection {
             Self::Refuted => "refuted",
             Self::Dearer => "dearer",
             Self::InForce => "in_force",
-            Self::Rough => "rough",
         }
     }
 
     /// Whether the candidate could not be taken; if not, it could, and there was a better one.
     #[must_use]
     pub fn is_refusal(self) -> bool {
-        !matches!(self, Self::Dearer | Self::InForce | Self::Rough)
+        !matches!(self, Self::Dearer | Self::InForce)
     }
 }
 
@@ -183,16 +179,6 @@ impl Smoothing {
             Self::EmergencyStop => "emergency_stop",
         }
     }
-
-    /// Orders profiles by how rough they are.
-    pub(super) fn roughness(self) -> usize {
-        match self {
-            Self::Comfortable => 0,
-            Self::Firm => 1,
-            Self::Unsmoothed(_) => 2,
-            Self::EmergencyStop => 3,
-        }
-    }
 }
 
 /// Wall-clock times of the stages of one cycle, s.
@@ -226,6 +212,6 @@ mod tests {
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
-        assert_eq!(Rejection::ALL[8], Rejection::Rough, "the last one is in the list");
+        assert_eq!(Rejection::ALL[7], Rejection::InForce, "the last one is in the list");
     }
 }

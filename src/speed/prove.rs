@@ -206,12 +206,13 @@ fn time_to(knot: &SpeedKnot, length: f64, station: f64) -> f64 {
         }
         let newton = time - beyond / here.speed;
         let next = if (lower..=upper).contains(&newton) { newton } else { f64::midpoint(lower, upper) };
-        if (next - time).abs() < ACCURACY {
+        let is_there = (next - time).abs() < ACCURACY;
+        time = next;
+        if is_there {
             break;
         }
-        time = next;
     }
-    upper
+    time
 }
 
 /// Speed left in `cell` when braking comfortably from the start of the problem, to which the start's acceleration turns
@@ -219,14 +220,12 @@ fn time_to(knot: &SpeedKnot, length: f64, station: f64) -> f64 {
 fn braked_from(problem: &SpeedProblem, start: &SpeedKnot, cell: usize) -> f64 {
     let run = problem.stations[cell] - problem.stations[0];
     let braking = problem.limits.deceleration;
-    let jerk: f64 = std::env::var("RAMP").map_or(RAMP_JERK, |s| s.parse().unwrap());
-    let turning = ((start.acceleration + braking) / jerk).max(0.0);
-    let turned = SpeedKnot { jerk: -jerk, ..*start }.after(turning);
+    let turning = ((start.acceleration + braking) / RAMP_JERK).max(0.0);
+    let turned = SpeedKnot { jerk: -RAMP_JERK, ..*start }.after(turning);
     let beyond = run - (turned.station - start.station);
     if beyond <= 0.0 {
         // not yet turned: no more than the fastest on the way
-        let most = start.acceleration.max(0.0).powi(2) / (2.0 * jerk);
-        return start.speed + most;
+        return start.speed + start.acceleration.max(0.0).powi(2) / (2.0 * RAMP_JERK);
     }
     (turned.speed * turned.speed - 2.0 * braking * beyond).max(0.0).sqrt()
 }

@@ -16,8 +16,8 @@ use crate::trajectory::SpeedProfile;
 
 /// Slower than this before its rest a plan crawls, m/s.
 pub const CRAWL: f64 = 1.0;
-/// Crawling for so long is not worth a word, s: what a jerk limit adds to a stop, and the last steps of a lattice.
-pub const PATIENCE: f64 = 2.0;
+/// Crawling for so long is not worth a word, s: a jerk limit and a soft landing make a comfortable stop longer by as much.
+pub const PATIENCE: f64 = 3.0;
 
 /// Time for which a profile crawls to its final rest beyond what a stop with `deceleration` (m/s²) takes, s.
 #[must_use]

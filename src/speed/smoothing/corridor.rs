@@ -76,10 +76,12 @@ impl Corridor {
         Self { upper, lower, near_upper, near_lower, is_thinned }
     }
 
+    /// Stations that are not passed before their times; in order of both.
     pub(super) fn upper(&self) -> &[Bound] {
         &self.upper
     }
 
+    /// Stations that are reached at their times; in order of both.
     pub(super) fn lower(&self) -> &[Bound] {
         &self.lower
     }
@@ -144,4 +146,99 @@ fn thinned(bounds: &[Bound], join: impl Fn(&Bound, &Bound) -> Bound, room: impl 
         }
     }
     joined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::speed::prove;
+    use crate::speed::smoothing::{Settings, smooth_and_prove};
+    use crate::speed::test_support::empty_road;
+    use crate::speed::{Resolution, Strategy, search, smoothing::unsmoothed};
+    use proptest::prelude::*;
+
+    /// 10 m/s for four seconds, then −2 m/s² to rest at 65 m.
+    fn searched() -> SpeedProfile {
+        let knot = |time, station, speed, acceleration| crate::trajectory::SpeedKnot {
+            time,
+            station,
+            speed,
+            acceleration,
+            jerk: 0.0,
+        };
+        let knots = vec![knot(0.0, 0.0, 10.0, 0.0), knot(4.0, 40.0, 10.0, -2.0), knot(9.0, 65.0, 0.0, 0.0)];
+        SpeedProfile::new(knots).unwrap()
+    }
+
+    #[test]
+    fn each_interval_is_one_bound_on_the_side_that_the_plan_chose() {
+        let mut problem = empty_road(100.0, 10.0);
+        problem.start_time = 2.0;
+        problem.blocked[20] = vec![(2.0, 2.9), (3.5, 4.0)]; // 10.0 to 10.5 m, passed at 3 s
+        problem.blocked[140] = vec![(30.0, 31.0)]; // 70 m, never reached
+        let corridor = Corridor::new(&problem, &searched());
+        let near =
+            |b: &Bound, time: f64, station: f64| (b.time - time).abs() < 1e-9 && (b.station - station).abs() < 1e-9;
+        let [first, last] = corridor.upper() else { panic!("{corridor:?}") };
+        assert!(near(first, 0.9, 10.0) && near(last, 29.0, 70.0), "{corridor:?}");
+        let [left] = corridor.lower() else { panic!("{corridor:?}") };
+        assert!(near(left, 1.5, 10.5), "{corridor:?}");
+        assert_eq!(corridor.near_lower(), corridor.lower(), "4.5 m is near");
+        assert_eq!(corridor.near_upper().len(), 1, "one metre is near");
+    }
+
+    #[test]
+    fn of_bounds_that_follow_from_others_nothing_is_kept() {
+        let b = |time, station| Bound { time, station };
+        let upper = upper_front(vec![b(3.0, 8.0), b(1.0, 5.0), b(2.0, 5.0), b(1.5, 7.0), b(4.0, 9.0)]);
+        assert_eq!(upper, [b(2.0, 5.0), b(3.0, 8.0), b(4.0, 9.0)]);
+        let lower = lower_front(vec![b(3.0, 8.0), b(1.0, 5.0), b(2.0, 5.0), b(3.5, 7.0), b(4.0, 9.0)]);
+        assert_eq!(lower, [b(1.0, 5.0), b(3.0, 8.0), b(4.0, 9.0)]);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+
+        /// Near bounds say more than all bounds about the stretch that they keep: whoever keeps a joined one keeps those
+        /// that it stands for.
+        #[test]
+        fn joined_bounds_are_stricter(
+            bounds in prop::collection::vec((0.0..5.0f64, 0.0..60.0f64), 0..60),
+            slow in 1.0..12.0f64,
+        ) {
+            let all = upper_front(bounds.iter().map(|&(time, station)| Bound { time, station }).collect());
+            let join = |a: &Bound, b: &Bound| Bound { time: b.time, station: a.station };
+            let room = |b: &Bound| b.station - slow * b.time;
+            let near = thinned(&all, join, room);
+            for bound in all.iter().filter(|b| room(b) < NEAR) {
+                prop_assert!(near.iter().any(|n| n.time >= bound.time && n.station <= bound.station));
+            }
+        }
+
+        /// Crossing traffic at random: what is smoothed is proved, and what the corridor says holds.
+        #[test]
+        fn a_smoothed_plan_keeps_every_bound(
+            speed in 2.0..12.0f64,
+            blocks in prop::collection::vec((20..150usize, 1..12usize, 1.0..9.0f64, 0.3..3.0f64), 1..6),
+        ) {
+            let mut problem = empty_road(100.0, speed);
+            for (cell, cells, from, lasts) in blocks {
+                for c in cell..cell + cells {
+                    if problem.blocked[c].is_empty() {
+                        problem.blocked[c] = vec![(from, from + lasts)];
+                    }
+                }
+            }
+            let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
+            let Some(searched) = found.proven().and_then(|plan| unsmoothed(&problem, &plan)) else { return Ok(()) };
+            let corridor = Corridor::new(&problem, &searched);
+            let Ok(smooth) = smooth_and_prove(&problem, &problem.caps, &searched, 0.0, &Settings::default()) else {
+                return Ok(());
+            };
+            prop_assert_eq!(prove(&problem, &smooth.profile), Ok(()));
+            let at = |b: &Bound| smooth.profile.at(b.time).station;
+            prop_assert!(corridor.upper().iter().all(|b| at(b) <= b.station + 1e-6));
+            prop_assert!(corridor.lower().iter().all(|b| at(b) >= b.station - 1e-6));
+        }
+    }
 }

@@ -218,6 +218,39 @@ mod tests {
         assert!((end - 60.0).abs() < 0.02, "stops at {end}");
     }
 
+    /// Something crosses 24 m ahead: 10 m/s can be braked to rest in 22.7 m, but not within the comfortable jerk.
+    #[test]
+    fn where_the_comfortable_jerk_does_not_do_the_firm_one_is_told() {
+        let mut problem = empty_road(24.0, 10.0);
+        problem.limits.aggressive_deceleration = 2.6;
+        let searched = searched(&SpeedProblem {
+            limits: crate::speed::AccelerationLimits { aggressive_deceleration: 2.2, ..problem.limits },
+            ..problem.clone()
+        });
+        let smooth = |jerk| {
+            let settings = Settings { jerk, firm_jerk: 10.0, ..Settings::default() };
+            smooth_and_prove(&problem, &problem.caps, &searched, 0.0, &settings).expect("firm does")
+        };
+        let (gentle, firm) = (smooth(8.0), smooth(1.0));
+        assert!(!gentle.is_firm && firm.is_firm);
+        let peak = |s: &Smoothed| s.profile.knots().iter().map(|k| k.jerk.abs()).fold(0.0, f64::max);
+        assert!(peak(&gentle) <= 8.0 + 1e-3 && peak(&firm) <= 10.0 + 1e-3 && peak(&firm) > 1.0);
+    }
+
+    #[test]
+    fn who_waits_first_and_who_stays_are_smooth() {
+        let mut problem = empty_road(20.0, 0.0);
+        problem.blocked[0] = vec![(0.0, 3.0)];
+        let waits = check(&problem, 0.0);
+        assert_eq!(waits.at(2.9).station, 0.0);
+        assert!(waits.last().station > 19.0);
+        let stays =
+            SpeedProfile::new(vec![SpeedKnot { time: 0.0, station: 0.0, speed: 0.0, acceleration: 0.0, jerk: 0.0 }]);
+        let stays = stays.unwrap();
+        let same = smooth_and_prove(&problem, &problem.caps, &stays, -0.2, &Settings::default()).unwrap();
+        assert_eq!(same.profile, stays);
+    }
+
     #[test]
     fn an_impossible_start_has_no_smooth_profile() {
         // 10 m/s with 1.5 m of road left
