@@ -6,7 +6,7 @@
 //! in either.
 //!
 //! A plan *creeps* for the time that it moves at less than [`CRAWL`] before its final rest, beyond what a comfortable stop
-//! from that speed takes. Where that is more than [`PATIENCE`], the tail is laid anew: to the same rest as fast as caps and
+//! from that speed takes, and it is told as creeping above [`PATIENCE`]. Before smoothing, at a second less, the tail is laid anew: to the same rest as fast as caps and
 //! comfort allow, or, if something is in the way, to rest at once. What is laid anew is proved anew; the creeping tail
 //! stands if that fails, as it does behind a queue that creeps itself.
 
@@ -18,6 +18,8 @@ use crate::trajectory::SpeedProfile;
 pub const CRAWL: f64 = 1.0;
 /// Crawling for so long is not worth a word, s: a jerk limit and a soft landing make a comfortable stop longer by as much.
 pub const PATIENCE: f64 = 3.0;
+/// Of that, what smoothing adds, s: a searched tail may crawl for the rest.
+const SOFT_LANDING: f64 = 1.0;
 
 /// Time for which a profile crawls to its final rest beyond what a stop with `deceleration` (m/s²) takes, s.
 #[must_use]
@@ -35,7 +37,7 @@ pub fn creeping_time(profile: &SpeedProfile, deceleration: f64) -> f64 {
 pub fn without_creeping(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedPlan> {
     let creeps = |plan: &SpeedPlan| {
         let profile = smoothing::unsmoothed(problem, plan)?;
-        Some((creeping_time(&profile, problem.limits.deceleration) > PATIENCE, profile))
+        Some((creeping_time(&profile, problem.limits.deceleration) > PATIENCE - SOFT_LANDING, profile))
     };
     if !creeps(plan)?.0 {
         return None;
@@ -103,7 +105,7 @@ mod tests {
     }
 
     fn creeps(problem: &SpeedProblem, plan: &SpeedPlan) -> bool {
-        creeping_time(&profile(problem, plan), problem.limits.deceleration) > PATIENCE
+        creeping_time(&profile(problem, plan), problem.limits.deceleration) > PATIENCE - SOFT_LANDING
     }
 
     /// The 104 instances of the paper.
