@@ -24,8 +24,9 @@ pub(super) fn fill(job: &Job, run: &Run, summary: &mut Summary) {
     let mut result = result(job, run, summary, &samples);
     summary.hash = hash(&Value::Object(result.clone()), &samples);
     if let Some(planning) = result.get_mut("planning").and_then(Value::as_object_mut) {
-        let Times { median, p99, max } = summary.planning.time_ms;
-        planning.insert("time_ms".into(), json!({ "median": median, "p99": p99, "max": max }));
+        let told = |Times { median, p99, max }: Times| json!({ "median": median, "p99": p99, "max": max });
+        planning.insert("time_ms".into(), told(summary.planning.time_ms));
+        planning.insert("smoothing_ms".into(), told(summary.planning.smoothing_ms));
     }
     if job.outputs.json_cycles {
         result.insert("cycles".into(), run.cycles.iter().map(cycle).collect());
@@ -63,6 +64,9 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
             "cycles": summary.planning.cycles,
             "proven_cycles": summary.planning.proven_cycles,
             "refined_cycles": summary.planning.refined_cycles,
+            "smoothing": summary.planning.smoothing,
+            "creeping_cycles": summary.planning.creeping_cycles,
+            "unsmoothed": summary.planning.unsmoothed,
             "expansions": summary.planning.expansions,
             "candidates": summary.planning.candidates,
             "rejections": rejections(summary),

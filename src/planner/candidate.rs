@@ -8,7 +8,8 @@ use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
 use crate::speed::{
-    AccelerationLimits, Nothing, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, search, smoothing,
+    AccelerationLimits, Nothing, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
+    search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
 use crate::vehicle::Vehicle;
@@ -63,6 +64,13 @@ pub(super) struct Proven {
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
 }
 
+impl Proven {
+    /// Proves the searched profile again, by other code than the search: what is committed has to pass.
+    pub(super) fn proved_again(&self) -> Result<(), Refutation> {
+        prove(&self.problem, &self.searched)
+    }
+}
+
 /// The speed layer's answer for one path.
 pub(super) enum Evaluation {
     Proven(Box<Proven>),
@@ -94,6 +102,9 @@ impl Situation<'_> {
                 Evaluation::Rejected { why, expansions }
             }
             SpeedOutcome::Proven { mut plan, .. } => {
+                if let Some(brisk) = tail::without_creeping(&problem, &plan) {
+                    plan = brisk;
+                }
                 let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let caps = self.hard_caps(path, &problem.stations);
@@ -102,9 +113,12 @@ impl Situation<'_> {
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::unsmoothed(&problem, &plan).zip(progress) {
                     Some((searched, progress)) => Evaluation::Proven(Box::new(Proven {
+                        #[cfg(test)]
+                        searched: fault::applied(searched),
+                        #[cfg(not(test))]
+                        searched,
                         problem,
                         guide_caps,
-                        searched,
                         progress,
                         expansions,
                         blocked,
@@ -310,6 +324,27 @@ fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> 
         }
     }
     merged
+}
+
+/// A fault of the search, for tests of what guards against one.
+#[cfg(test)]
+pub(super) mod fault {
+    use std::cell::Cell;
+
+    use crate::trajectory::{SpeedKnot, SpeedProfile};
+
+    thread_local! {
+        /// Whether searched profiles of this thread end moving.
+        pub(in crate::planner) static ENDS_MOVING: Cell<bool> = const { Cell::new(false) };
+    }
+
+    pub(super) fn applied(searched: SpeedProfile) -> SpeedProfile {
+        if !ENDS_MOVING.get() {
+            return searched;
+        }
+        let moving = |k: &SpeedKnot| SpeedKnot { speed: k.speed.max(0.5), ..*k };
+        SpeedProfile::new(searched.knots().iter().map(moving).collect()).unwrap_or(searched)
+    }
 }
 
 #[cfg(test)]

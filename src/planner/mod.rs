@@ -11,6 +11,7 @@
 //! margins, then with harder braking. Each plan says which it needed.
 
 mod candidate;
+mod choice;
 mod goal;
 mod hysteresis;
 mod lanes;
@@ -19,12 +20,13 @@ mod refinement;
 mod settings;
 
 pub use goal::GoalOnLane;
-pub use record::{Candidate, Cycle, Decision, Rejection, StageSeconds};
+pub use record::{Candidate, Cycle, Decision, Rejection, Smoothing, StageSeconds};
 pub use settings::{EmergencyLimits, Settings};
 
 use std::time::Instant;
 
-use self::candidate::{DELAY_HORIZON, Evaluation, Proven, Situation, delay, planned_lateral};
+use self::candidate::{DELAY_HORIZON, Proven, Situation, planned_lateral};
+use self::choice::Choice;
 use self::hysteresis::InForce;
 use self::lanes::Lane;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
@@ -32,7 +34,7 @@ use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
-use crate::speed::smoothing;
+use crate::speed::smoothing::{self, Smoothed};
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
 
@@ -61,7 +63,7 @@ struct Committed {
     deceleration: f64,
     /// False for the emergency stop that stands in where nothing was ever proven.
     is_proven: bool,
-    is_smooth: bool,
+    smoothing: Smoothing,
     is_refined: bool,
     /// Its cost without those of falling behind and of leaving the plan before it.
     way_cost: f64,
@@ -95,17 +97,6 @@ struct Start {
     point: TrajectoryPoint,
     /// Whether it lies on the committed trajectory.
     on_plan: bool,
-}
-
-/// A path with its speed, ready to be committed.
-struct Choice {
-    lane: usize,
-    candidate: usize,
-    path: LatticePath,
-    proven: Box<Proven>,
-    deceleration: f64,
-    cost: f64,
-    is_refined: bool,
 }
 
 /// Why planning can't even begin.
@@ -177,22 +168,18 @@ impl<'a> Planner<'a> {
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
                 let smoothing_begun = Instant::now();
-                let smooth = self.smoothed(&start, &choice);
-                record.is_smooth = smooth.is_some();
-                let profile = smooth.unwrap_or_else(|| choice.proven.searched.clone());
+                let (profile, smoothing) = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let way_cost = choice.path.terms.total() - choice.path.terms.switching;
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
-                let CycleRecord { is_smooth, is_refined, .. } = record;
-                let deceleration = choice.deceleration;
+                let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
                 let is_proven = true;
-                let committed = Committed { trajectory, deceleration, is_proven, is_smooth, is_refined, way_cost };
-                self.committed = Some(committed);
+                self.committed =
+                    Some(Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost });
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
-                record.is_smooth = self.committed.as_ref().is_some_and(|c| c.is_smooth);
                 record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
                 let is_proven = self.committed.as_ref().is_some_and(|c| c.is_proven);
                 (if is_proven { Decision::KeepLast } else { Decision::Unproven }, Vec::new())
@@ -214,7 +201,7 @@ impl<'a> Planner<'a> {
             chosen: record.chosen,
             edges: record.edges,
             expansions: record.expansions,
-            is_smooth: record.is_smooth,
+            smoothing: committed.smoothing,
             is_refined: record.is_refined,
             stage_seconds: record.seconds,
         }
@@ -375,56 +362,6 @@ impl<'a> Planner<'a> {
         kept.into_iter().chain([fresh]).collect()
     }
 
-    fn evaluate_all(
-        &self,
-        start: &Start,
-        lane: usize,
-        rung: Rung,
-        found: Vec<LatticePath>,
-        best: &mut Option<Choice>,
-        record: &mut CycleRecord,
-    ) {
-        let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
-        let situation = self.situation(start, on, rung);
-        let free = situation.free_progress();
-        for path in found {
-            let mut note = Candidate {
-                path: path.path.clone(),
-                lane,
-                attempt: record.attempt,
-                cost: path.terms.total(),
-                terms: path.terms,
-                rejected: None,
-            };
-            if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(note.cost)) {
-                note.rejected = Some(Rejection::Dearer);
-            } else {
-                match situation.evaluate(&path) {
-                    Evaluation::Rejected { why, expansions } => {
-                        record.expansions += expansions;
-                        note.rejected = Some(why);
-                    }
-                    Evaluation::Proven(proven) => {
-                        record.expansions += proven.expansions;
-                        note.terms.delay = delay(self.settings, free - proven.progress, &note.terms);
-                        note.cost = note.terms.total();
-                        if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {
-                            let candidate = record.candidates.len();
-                            let (deceleration, cost) = (rung.deceleration, note.cost);
-                            let found = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
-                            if let Some(passed) = best.replace(found) {
-                                record.reject(passed.candidate, Rejection::Dearer);
-                            }
-                        } else {
-                            note.rejected = Some(Rejection::Dearer);
-                        }
-                    }
-                }
-            }
-            record.candidates.push(note);
-        }
-    }
-
     fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, rung: Rung) -> Situation<'s> {
         Situation {
             vehicle: self.vehicle,
@@ -449,11 +386,15 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The choice's profile made jerk-limited, if it can be proved again.
-    fn smoothed(&self, start: &Start, choice: &Choice) -> Option<SpeedProfile> {
+    /// The choice's profile made jerk-limited, if it can be proved again; else as it was searched.
+    fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
         let Proven { problem, guide_caps, searched, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings)
+        match smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings) {
+            Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
+            Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
+            Err(why) => (searched.clone(), Smoothing::Unsmoothed(why)),
+        }
     }
 
     /// Whether the plan in force is to be left for the best one found.
@@ -505,10 +446,11 @@ impl<'a> Planner<'a> {
         let path = Path::new(p.pose, &[spiral]).or_else(|| Path::new(p.pose, &[straight]));
         let trajectory =
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
+        let smoothing = Smoothing::EmergencyStop;
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
                 let way_cost = 0.0;
-                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false, way_cost }
+                Committed { trajectory, deceleration, is_proven: false, smoothing, is_refined: false, way_cost }
             }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
@@ -596,7 +538,6 @@ struct CycleRecord {
     edges: EdgeCounts,
     expansions: usize,
     reference: Vec<crate::geometry::Point>,
-    is_smooth: bool,
     is_refined: bool,
     seconds: StageSeconds,
 }

@@ -28,6 +28,7 @@ mod prove;
 mod safe_rts;
 mod safe_tlp;
 pub mod smoothing;
+pub mod tail;
 
 pub use lattice::{Budget, ProofOrder};
 pub use outcome::{Nothing, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
