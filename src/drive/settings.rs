@@ -84,6 +84,11 @@ impl Settings {
                 return Err(SettingsError { field, value, expected: "positive and finite" });
             }
         }
+        // infinite is a bound here: none
+        if p.uncertainty.most_across.is_nan() || p.uncertainty.most_across < 0.0 {
+            let (field, value) = ("planner.uncertainty.most_across", p.uncertainty.most_across);
+            return Err(SettingsError { field, value, expected: "zero or more" });
+        }
         let corridor = p.refinement.corridor;
         if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
             let (field, expected) = ("planner.refinement.corridor", "positive, and at most 1 m");
@@ -93,6 +98,8 @@ impl Settings {
             ("planner.refinement.least_gain", p.refinement.least_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
+            ("planner.uncertainty.along", p.uncertainty.along),
+            ("planner.uncertainty.across", p.uncertainty.across),
             ("planner.lattice.offset_limit", l.offset_limit),
         ];
         for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
@@ -163,6 +170,12 @@ impl Settings {
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
             return Err(SettingsError { field, value, expected: "at most 1" });
         }
+        let u = &self.planner.uncertainty;
+        for (field, value) in [("planner.uncertainty.along", u.along), ("planner.uncertainty.across", u.across)] {
+            if value > HARDEST_TRAFFIC {
+                return Err(SettingsError { field, value, expected: "at most 20 m/s²" });
+            }
+        }
         if self.planner.cruise_speed > 150.0 {
             let value = self.planner.cruise_speed;
             return Err(SettingsError { field: "planner.cruise_speed", value, expected: "at most 150 m/s" });
@@ -179,6 +192,8 @@ impl Settings {
     }
 }
 
+/// Accelerations of traffic that are more than any tyre gives, m/s².
+const HARDEST_TRAFFIC: f64 = 20.0;
 /// Largest weight of a cost term.
 const LARGEST_WEIGHT: f64 = 1e6;
 
@@ -210,6 +225,26 @@ mod tests {
         let mut wrong = Settings::default();
         wrong.run.replan_interval = 1e-9;
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
+    }
+
+    #[test]
+    fn the_bounds_of_motions_are_checked_and_may_leave_the_lane_unbounded() {
+        let read = |text: &str| {
+            let settings: Settings = toml::from_str(&format!("[planner.uncertainty]\n{text}")).unwrap();
+            settings.validate().map_err(|e| e.field)
+        };
+        for ok in ["mode = \"required\"", "most_across = inf", "most_across = 0.0", "along = 20.0", "across = 0.0"] {
+            assert_eq!(read(ok), Ok(()), "{ok}");
+        }
+        for key in ["along", "across", "most_across"] {
+            for wrong in ["-0.1", "nan"] {
+                assert!(read(&format!("{key} = {wrong}")).unwrap_err().ends_with(key));
+            }
+        }
+        assert!(read("along = 20.1").is_err() && read("across = inf").is_err());
+        assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"yielding\"").is_ok());
+        assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"polite\"").is_err());
+        assert!(toml::from_str::<Settings>("[planner.uncertainty]\nmode = \"always\"").is_err());
     }
 
     #[test]

@@ -8,7 +8,8 @@
 //! When the plan in force is left for another is one rule, in `hysteresis`.
 //!
 //! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
-//! margins, then with harder braking. Each plan says which it needed.
+//! margins, then with harder braking. Each plan says which it needed. Where the settings ask for it, proofs against all
+//! motions around the predicted ones are tried before (`traffic`).
 
 mod candidate;
 mod goal;
@@ -17,16 +18,18 @@ mod lanes;
 mod record;
 mod refinement;
 mod settings;
+mod traffic;
 
 pub use goal::GoalOnLane;
 pub use record::{Candidate, Cycle, Decision, Rejection, StageSeconds};
-pub use settings::{EmergencyLimits, Settings};
+pub use settings::{EmergencyLimits, RearTraffic, Settings, Uncertainty, UncertaintyMode};
 
 use std::time::Instant;
 
 use self::candidate::{Evaluation, Proven, Situation};
 use self::hysteresis::InForce;
 use self::lanes::Lane;
+use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
@@ -47,6 +50,7 @@ pub struct Planner<'a> {
     /// With margins, without margins, without margins and finely resolved.
     worlds: [CollisionWorld; 3],
     lanes: Result<Vec<Lane>, NoLane>,
+    traffic: Traffic,
     committed: Option<Committed>,
     cruise: f64,
     horizon: f64,
@@ -63,6 +67,7 @@ struct Committed {
     is_proven: bool,
     is_smooth: bool,
     is_refined: bool,
+    against_set: bool,
 }
 
 /// What proofs may use in one attempt.
@@ -86,6 +91,8 @@ struct Rung {
     junctions_kept_free: bool,
     /// Lateral acceleration that no path may ask for, m/s².
     lateral_limit: f64,
+    /// Whether proofs must hold for all motions of the traffic within the bounds, not for the predicted ones alone.
+    against_set: bool,
 }
 
 /// Where a cycle plans from.
@@ -142,7 +149,20 @@ impl<'a> Planner<'a> {
         ];
         let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
-        Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon, end_time })
+        let traffic = Traffic::default();
+        Ok(Self {
+            scenario,
+            problem,
+            vehicle,
+            settings,
+            worlds,
+            lanes,
+            traffic,
+            committed: None,
+            cruise,
+            horizon,
+            end_time,
+        })
     }
 
     /// Why there is no lane to drive on, if there is none.
@@ -162,6 +182,7 @@ impl<'a> Planner<'a> {
         let begun = Instant::now();
         let start = self.start(state);
         self.follow_route(&start);
+        self.look_at_traffic(&start);
         let mut record = CycleRecord::default();
         let rungs = self.rungs();
         let choice = rungs.iter().enumerate().find_map(|(attempt, rung)| {
@@ -183,7 +204,9 @@ impl<'a> Planner<'a> {
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let CycleRecord { is_smooth, is_refined, .. } = record;
                 let deceleration = choice.deceleration;
-                self.committed = Some(Committed { trajectory, deceleration, is_proven: true, is_smooth, is_refined });
+                let (is_proven, against_set) = (true, rung.against_set);
+                self.committed =
+                    Some(Committed { trajectory, deceleration, is_proven, is_smooth, is_refined, against_set });
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
@@ -211,6 +234,7 @@ impl<'a> Planner<'a> {
             expansions: record.expansions,
             is_smooth: record.is_smooth,
             is_refined: record.is_refined,
+            is_proven_against_set: committed.against_set,
             stage_seconds: record.seconds,
         }
     }
@@ -249,6 +273,7 @@ impl<'a> Planner<'a> {
             time_gap: self.settings.time_gap,
             junctions_kept_free: true,
             lateral_limit,
+            against_set: false,
         };
         let mut rungs = vec![
             first,
@@ -270,6 +295,7 @@ impl<'a> Planner<'a> {
             time_gap: 0.0,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
+            against_set: false,
         }));
         // bumper to bumper, cells of half a metre and slices of a tenth of a second are too coarse
         if let (None, Some(hardest)) = (&self.committed, rungs.last().copied()) {
@@ -278,7 +304,7 @@ impl<'a> Planner<'a> {
         if let Some(committed) = &self.committed {
             rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
         }
-        rungs
+        self.with_sets(rungs)
     }
 
     /// Where to plan from: the committed trajectory now, or the measured state if that is too far from it.
@@ -418,7 +444,7 @@ impl<'a> Planner<'a> {
         Situation {
             vehicle: self.vehicle,
             settings: self.settings,
-            world: &self.worlds[rung.world],
+            traffic: self.counted(&rung),
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -481,7 +507,8 @@ impl<'a> Planner<'a> {
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
-                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false }
+                let (is_proven, is_smooth, is_refined, against_set) = (false, false, false, false);
+                Committed { trajectory, deceleration, is_proven, is_smooth, is_refined, against_set }
             }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),

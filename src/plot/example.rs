@@ -281,6 +281,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         expansions: 120,
         is_smooth: true,
         is_refined: false,
+        is_proven_against_set: false,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
     }
 }

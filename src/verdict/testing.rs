@@ -204,6 +204,7 @@ pub(super) fn cycle(time: f64, committed: Trajectory) -> Cycle {
         expansions: 0,
         is_smooth: true,
         is_refined: false,
+        is_proven_against_set: false,
         stage_seconds: StageSeconds::default(),
     }
 }
