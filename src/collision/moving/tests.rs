@@ -7,6 +7,7 @@ use proptest::strategy::Strategy as Generator;
 
 use super::*;
 use crate::collision::CollisionWorld;
+use crate::collision::convert::{Local, vector};
 use crate::geometry::{Point, Vector};
 use crate::map::{RoadNetwork, Scenario, Shape};
 use crate::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, prove, search, smoothing};
@@ -171,7 +172,8 @@ proptest! {
         ] {
             prop_assert!(lies_in(&grown, &wider), "{bounds:?}");
         }
-        prop_assert!(lies_in(&all.grown(1.0, &MotionBounds { along: 0.0, across: 0.0, ..bounds }), &grown));
+        let none = all.grown(1.0, &MotionBounds { along: 0.0, across: 0.0, ..bounds });
+        prop_assert!(lies_in(&none, &grown));
         // turning or not
         let bent = predictions(&[predicted.obstacle()]);
         prop_assert!(lies_in(&after(&bent, 1.0), &bent.grown(1.0, &bounds)));
@@ -190,20 +192,22 @@ proptest! {
         let bounds = MotionBounds { vehicles_reverse: false, ..FREE };
         let world = world(vec![obstacle.clone()]);
         let set = world.predictions().grown(0.0, &bounds);
-        if let Some(plan) = plan(&problem(&world, &set, own)) {
-            for push in &pushes {
-                let motion = deviations(&obstacle, 0.0, &bounds, push);
-                let states = motion.iter().enumerate().step_by(10).map(|(i, deviation)| {
-                    let time = STEP * i as f64;
-                    let state = obstacle.state_at(time).unwrap();
-                    let pose = Pose { position: state.pose.position + deviation * 0.999, ..state.pose };
-                    TimedPose { time, pose, ..state }
-                });
-                let moved = Obstacle { motion: Motion::Trajectory(states.collect()), ..obstacle.clone() };
-                let world = self::world(vec![moved]);
-                let met = problem(&world, world.predictions(), own);
-                prop_assert_eq!(prove(&met, &plan), Ok(()), "{:?}", push);
-            }
+        // not every problem has one, but most: too many without would fail the test
+        let plan = plan(&problem(&world, &set, own));
+        prop_assume!(plan.is_some());
+        for push in &pushes {
+            let motion = deviations(&obstacle, 0.0, &bounds, push);
+            let states = motion.iter().enumerate().step_by(10).map(|(i, deviation)| {
+                let time = STEP * i as f64;
+                let state = obstacle.state_at(time).unwrap();
+                // the sampling's steps may come out of the set by less than this
+                let pose = Pose { position: state.pose.position + deviation * 0.999, ..state.pose };
+                TimedPose { time, pose, ..state }
+            });
+            let moved = Obstacle { motion: Motion::Trajectory(states.collect()), ..obstacle.clone() };
+            let world = self::world(vec![moved]);
+            let met = problem(&world, world.predictions(), own);
+            prop_assert_eq!(plan.as_ref().map(|plan| prove(&met, plan)), Some(Ok(())), "{:?}", push);
         }
     }
 }
@@ -316,7 +320,7 @@ fn moved_turned_and_mirrored_predictions_grow_alike() {
             }
             for p in b.points() {
                 let back = frame.to_local(moved.origin.world(*p));
-                let back = crate::collision::convert::Local::new(back.x, mirror * back.y);
+                let back = Local::new(back.x, mirror * back.y);
                 assert!(a.distance_to(&[back, back, back]) < 1e-6);
             }
         }
