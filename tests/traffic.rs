@@ -77,7 +77,7 @@ fn a_follower_that_yields_to_the_planner_does_not_yield_to_the_verdict() {
 fn alongside_ahead_crossing_oncoming_and_cutting_in_from_the_next_lane_bind_all_the_same() {
     let others = [
         ("ahead", car(1, &[(0.0, 25.0, 0.0), (20.0, 65.0, 0.0)])),
-        ("crossing", car(2, &[(0.0, 60.0, -30.0), (12.0, 60.0, 30.0)])),
+        ("crossing", car(2, &[(0.0, 35.0, -15.0), (12.0, 35.0, 45.0)])),
         (
             "crossing behind, then with us",
             car(3, &[(0.0, 4.0, -9.0), (1.0, 4.0, -1.0), (1.5, 8.0, 0.0), (20.0, 188.0, 0.0)]),
@@ -112,18 +112,19 @@ fn told(cycle: &Cycle) -> impl PartialEq + std::fmt::Debug {
 
 #[test]
 fn who_pulls_out_to_overtake_yields_until_it_has_left_our_way() {
-    // out of our lane within the second second, back in it from 5.5 s on, and then it stands ahead of us
+    // it pulls out in the second second, passes, is back in our lane from 5.5 s on, and stands there
     let overtaker = car(
         1,
-        &[(0.0, 2.0, 0.0), (1.0, 12.0, 0.0), (2.0, 24.0, 3.2), (5.0, 70.0, 3.2), (6.0, 80.0, 0.0), (20.0, 80.1, 0.0)],
+        &[(0.0, 5.0, 0.0), (1.0, 15.0, 0.0), (2.0, 27.0, 3.2), (5.0, 75.0, 3.2), (6.0, 84.0, 0.0), (20.0, 84.1, 0.0)],
     );
-    let scenario = road(vec![overtaker]);
+    let mut scenario = road(vec![overtaker]);
+    scenario.problems[0].initial.centre = Pose::new(40.0, 0.0, 0.0);
     let run = planned(&scenario, &rear(RearTraffic::Yielding));
     assert_eq!(run.outcome, Outcome::Planned);
     let blocked = &run.cycles[0].blocked;
     assert!(!blocked.is_empty() && blocked.iter().all(|(_, times)| times.0 > 1.5), "{blocked:?}");
     let plan = &run.cycles[0].committed;
-    assert!(plan.path.at(plan.profile.last().station).pose.position.x < 76.0, "it is not driven into");
+    assert!(plan.path.at(plan.profile.last().station).pose.position.x < 79.0, "it is not driven into");
 }
 
 /// Behind a bend, on the lanelet before: the way that leads here tells, not the straight line.
@@ -165,9 +166,9 @@ fn sets(mode: UncertaintyMode, along: f64, across: f64, most_across: f64) -> Set
     settings
 }
 
-/// Comes to our lane after 9 s, when we have long passed; 2 m/s² more, and it is there with us.
+/// Comes to our lane after 6 s, when we have long passed; 3 m/s² more, and it is there with us.
 fn crosser() -> Obstacle {
-    car(60, &[(0.0, 60.0, -50.0), (20.0, 60.0, 50.0)])
+    car(60, &[(0.0, 35.0, -35.0), (20.0, 35.0, 65.0)])
 }
 
 /// Where the committed plan comes to rest, x in the frame of the map as it is.
@@ -180,15 +181,15 @@ fn rest(run: &Run) -> Point {
 fn a_gap_that_closes_if_the_crosser_hurries_is_not_taken_where_sets_are_asked_for() {
     let scenario = road(vec![crosser()]);
     let off = planned(&scenario, &Settings::default());
-    assert!(rest(&off).x > 100.0 && !off.cycles[0].is_proven_against_set);
+    assert!(rest(&off).x > 38.0 && !off.cycles[0].is_proven_against_set);
     for mode in [UncertaintyMode::Preferred, UncertaintyMode::Required] {
-        let run = planned(&scenario, &sets(mode, 2.0, 0.2, 0.5));
+        let run = planned(&scenario, &sets(mode, 3.0, 0.2, 0.5));
         assert_eq!(run.outcome, Outcome::Planned);
         assert!(run.cycles[0].is_proven_against_set);
-        assert!(rest(&run).x < 57.0, "rests at {}", rest(&run));
+        assert!(rest(&run).x < 33.0, "rests at {}", rest(&run));
         // one that is bound to its prediction closely enough is passed as before
         let run = planned(&scenario, &sets(mode, 0.1, 0.02, 0.5));
-        assert!(run.cycles[0].is_proven_against_set && rest(&run).x > 100.0, "rests at {}", rest(&run));
+        assert!(run.cycles[0].is_proven_against_set && rest(&run).x > 38.0, "rests at {}", rest(&run));
     }
 }
 
@@ -220,7 +221,7 @@ fn bounds_of_zero_and_an_empty_road_prove_what_they_prove_without() {
 #[test]
 fn runs_against_sets_end_without_contact_and_say_how_often_they_were_proven() {
     for motion in TWINS {
-        let scenario = motion.scenario(&road(vec![crosser()]));
+        let scenario = motion.scenario(&road(vec![car(60, &[(0.0, 60.0, -50.0), (20.0, 60.0, 50.0)])]));
         let settings = sets(UncertaintyMode::Preferred, 1.0, 0.2, 0.5);
         let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
         let proven = run.cycles.iter().filter(|c| c.is_proven_against_set).count();

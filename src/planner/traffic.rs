@@ -12,8 +12,8 @@
 //!
 //! Our way is where the vehicle has been since the run began, before that the reference line back to its beginning and
 //! the lanelets that lead there, as long as there is only one (of two that merge, neither is known to be ours), ahead the
-//! reference line. A vehicle yields **for as long as its prediction stays in the strip**: from where it pulls out, to
-//! overtake or to turn off, it counts again. Neighbours alongside, who comes ahead, crosses or comes against us count
+//! reference line. A vehicle yields **for as long as its prediction stays in the strip**, the margin to moving obstacles
+//! included: from where it has pulled out, to overtake or to turn off, it counts again. Neighbours alongside, who comes ahead, crosses or comes against us count
 //! throughout, and so do prediction sets, which have no heading, and who is farther back than our way is known.
 //!
 //! The planner alone is told so. Physics drives everybody as predicted, and the verdict calls a contact a contact, from
@@ -30,7 +30,7 @@ use std::sync::OnceLock;
 
 use super::settings::{RearTraffic, UncertaintyMode};
 use super::{Planner, Rung, Start};
-use crate::collision::{CollisionWorld, Predictions};
+use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
 use crate::map::{ConvexPart, Motion, Obstacle, RoadNetwork};
@@ -74,8 +74,10 @@ impl Planner<'_> {
         }
         traffic.come_to(here);
         let [rear_right, _, front_left, _] = self.vehicle.footprint.bounding_rectangle();
-        let way = Way::new(&traffic.came_by, reference, rear_right.x, front_left.y.max(-rear_right.y));
-        let step = self.settings.collision.time_slice;
+        let half_width = front_left.y.max(-rear_right.y);
+        let CollisionSettings { time_slice: step, moving_obstacles: margins, .. } = self.settings.collision;
+        let strips = (half_width, half_width + margins.lateral);
+        let way = Way::new(&traffic.came_by, reference, rear_right.x, strips);
         let yields = |o: &Obstacle| Some((o.id, way.as_ref()?.yields_until(o, start.point.time, step)?));
         let yielding: Vec<(i64, f64)> = self.scenario.obstacles.iter().filter_map(yields).collect();
         if yielding != traffic.yielding {
@@ -118,12 +120,7 @@ impl Traffic {
         self.came_by.drain(..too_many);
     }
 
-    fn counted<'t>(
-        &'t self,
-        worlds: &'t [CollisionWorld; 3],
-        rung: &Rung,
-        bounds: &crate::collision::MotionBounds,
-    ) -> &'t Predictions {
+    fn counted<'t>(&'t self, worlds: &'t [CollisionWorld; 3], rung: &Rung, bounds: &MotionBounds) -> &'t Predictions {
         let all = worlds[rung.world].predictions();
         let binding = match self.yielding[..] {
             [] => all,
@@ -138,8 +135,12 @@ fn lane_behind(network: &RoadNetwork, reference: &ReferenceLine, here: Point) ->
     /// Lanelets followed back at most: they may be short, and go in circles.
     const MOST_LANELETS: usize = 50;
     let station = reference.project(here).s;
-    let mut behind: Vec<Point> =
-        reference.points().take_while(|(s, _)| *s < station - SPACING).map(|(_, p)| p).collect();
+    let mut behind: Vec<Point> = Vec::new();
+    for (_, p) in reference.points().take_while(|(s, _)| *s < station - SPACING) {
+        if behind.last().is_none_or(|last| (p - last).norm() >= SPACING) {
+            behind.push(p);
+        }
+    }
     let mut length = station;
     let mut first = reference.lanelet_at(0.0).and_then(|id| network.lanelets.get(&id));
     for _ in 0..MOST_LANELETS {
@@ -160,7 +161,8 @@ struct Way {
     line: Polyline,
     /// Station of the rear bumper, m.
     rear_bumper: f64,
-    half_width: f64,
+    /// Half widths of what is swept, and with the margin to moving obstacles, m.
+    strips: (f64, f64),
 }
 
 /// Where a footprint lies along the way, m.
@@ -169,16 +171,23 @@ struct Extent {
     offsets: (f64, f64),
 }
 
+impl Extent {
+    /// Whether it reaches into a strip of that half width.
+    fn is_within(&self, half_width: f64) -> bool {
+        self.offsets.0 <= half_width && self.offsets.1 >= -half_width
+    }
+}
+
 impl Way {
     /// From the way driven up to the rear axle, the reference line ahead, the rear bumper's coordinate from the rear axle
-    /// (negative) and the vehicle's half width, m.
-    fn new(came_by: &[Point], reference: &ReferenceLine, rear: f64, half_width: f64) -> Option<Self> {
+    /// (negative) and the half widths of the strips, m.
+    fn new(came_by: &[Point], reference: &ReferenceLine, rear: f64, strips: (f64, f64)) -> Option<Self> {
         let here = *came_by.last()?;
         let joined = reference.project(here).s + JOINED_AHEAD;
         let ahead = reference.points().skip_while(|(s, _)| *s < joined).map(|(_, p)| p);
         let line = Polyline::new(came_by.iter().copied().chain(ahead))?;
         let driven = Polyline::new(came_by.iter().copied())?.length();
-        Some(Self { line, rear_bumper: driven + rear, half_width })
+        Some(Self { line, rear_bumper: driven + rear, strips })
     }
 
     /// Until when an obstacle gives way from behind: as long as its prediction stays in the strip. `None` if it does not.
@@ -189,12 +198,12 @@ impl Way {
         let is_behind = extent.stations.0 > 0.0 && extent.stations.1 < self.rear_bumper;
         let direction = self.line.yaw_at(self.line.project(pose.position).station);
         let follows = (pose.yaw - direction).cos() > 0.0;
-        if !(is_behind && follows && self.is_in_strip(&extent)) {
+        if !(is_behind && follows && extent.is_within(self.strips.0)) {
             return None;
         }
         let in_strip = |time: f64| {
             // where it is not, it does no harm
-            self.extent(&obstacle.occupied_at(time)).is_none_or(|extent| self.is_in_strip(&extent))
+            self.extent(&obstacle.occupied_at(time)).is_none_or(|extent| extent.is_within(self.strips.1))
         };
         // on the limits of the slices of time, so that the answer stays the same from cycle to cycle
         let first = (now / step).floor();
@@ -202,10 +211,6 @@ impl Way {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of slices
         let leaves = (1..=ends as usize + 1).map(|i| (first + i as f64) * step).find(|t| !in_strip(*t));
         Some(leaves.map_or(f64::INFINITY, |t| t - step))
-    }
-
-    fn is_in_strip(&self, extent: &Extent) -> bool {
-        extent.offsets.0 <= self.half_width && extent.offsets.1 >= -self.half_width
     }
 
     /// `None` of nothing.
