@@ -147,7 +147,7 @@ proptest! {
     ) {
         let bounds = MotionBounds { along, across, most_across, vehicles_reverse };
         let obstacle = predicted.obstacle();
-        let grown = predictions(&[obstacle.clone()]).grown(now, &bounds);
+        let grown = predictions(std::slice::from_ref(&obstacle)).grown(now, &bounds);
         for push in &pushes {
             let motion = deviations(&obstacle, now, &bounds, push);
             let out = escape(&grown, &obstacle, now, &motion, predicted.turning);
@@ -222,7 +222,7 @@ fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
         let kind = ObstacleKind::Vehicle;
         let predicted = Predicted { kind, from, speed: 8.0, acceleration: 0.0, turning, interval: 0.1 };
         let obstacle = predicted.obstacle();
-        let all = predictions(&[obstacle.clone()]);
+        let all = predictions(std::slice::from_ref(&obstacle));
         let escapes = |small: &MotionBounds, directions: &[f64]| {
             let grown = all.grown(0.0, small);
             let out = |n: &f64| escape(&grown, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(*n)), turning);
@@ -241,7 +241,8 @@ fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
     let slow =
         Predicted { kind, from: Pose::new(0.0, 0.0, 0.0), speed: 2.0, acceleration: 0.0, turning: 0.0, interval: 0.1 };
     let obstacle = slow.obstacle();
-    let grown = predictions(&[obstacle.clone()]).grown(0.0, &MotionBounds { vehicles_reverse: false, ..FREE });
+    let grown =
+        predictions(std::slice::from_ref(&obstacle)).grown(0.0, &MotionBounds { vehicles_reverse: false, ..FREE });
     let out = escape(&grown, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(PI)), 0.0);
     assert!((out - 24.0).abs() < 1.5, "{out}");
 }
