@@ -11,7 +11,7 @@ use crate::bench::quantile;
 use crate::drive::{self, Outcome, Run};
 use crate::io::{csv, files, solution};
 use crate::lattice::EdgeCounts;
-use crate::planner::{Cycle, Decision, Rejection, Smoothing};
+use crate::planner::{Cycle, Decision, Rejection, Smoothing, UncertaintyMode};
 use crate::simulation::{Log, Sample};
 use crate::speed::{smoothing, tail};
 use crate::verdict::{self, Metrics};
@@ -41,6 +41,8 @@ pub(super) struct Planning {
     pub(super) cycles: usize,
     pub(super) proven_cycles: usize,
     pub(super) refined_cycles: usize,
+    /// Cycles whose plan is proven against all motions within the bounds; `None` if the settings ask for no such proof.
+    pub(super) proven_against_set: Option<usize>,
     pub(super) expansions: usize,
     pub(super) candidates: usize,
     /// How many candidates were rejected, by reason, in the order of [`Rejection::ALL`].
@@ -97,7 +99,7 @@ pub(super) fn result_of(job: &Job, run: &Run) -> Summary {
     let mut summary = Summary {
         held: held(job.kind, run),
         metrics,
-        planning: planning(run),
+        planning: planning(job, run),
         solution: job.outputs.solution.is_some().then(|| fitted(job, run)).flatten(),
         hash: String::new(),
         json: serde_json::Value::Null,
@@ -118,7 +120,7 @@ fn held(kind: Kind, run: &Run) -> bool {
     }
 }
 
-fn planning(run: &Run) -> Planning {
+fn planning(job: &Job, run: &Run) -> Planning {
     let proven = |decision: Decision| !matches!(decision, Decision::Unproven);
     let new_plans = run.cycles.iter().filter(|c| matches!(c.decision, Decision::NewPlan { .. }));
     let mut smoothing: BTreeMap<_, _> = Smoothing::CODES.iter().map(|code| (*code, 0)).collect();
@@ -139,6 +141,8 @@ fn planning(run: &Run) -> Planning {
         edges,
         cycles: run.cycles.len(),
         proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        proven_against_set: (job.settings.planner.uncertainty.mode != UncertaintyMode::Off)
+            .then(|| run.cycles.iter().filter(|c| c.is_proven_against_set).count()),
         refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
         expansions: run.cycles.iter().map(|c| c.expansions).sum(),
         candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),

@@ -7,6 +7,8 @@
 //!
 //! `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), every code always
 //! there; `planning.edges` counts lattice edges by what became of them ([`EdgeCounts`](crate::lattice::EdgeCounts)).
+//! `planning.proven_against_set` counts the cycles whose plan holds against all motions within the bounds of
+//! `planner.uncertainty`; it is there only if the settings ask for such proofs.
 //! `plan` lists the candidates of its one cycle; a drive has hundreds of cycles and lists them only if asked.
 
 use serde_json::{Map, Value, json};
@@ -73,6 +75,12 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
             "edges": serde_json::to_value(&summary.planning.edges).unwrap_or_default(),
         }),
     );
+    if let (Some(count), Some(planning)) =
+        (summary.planning.proven_against_set, result.get_mut("planning").and_then(Value::as_object_mut))
+    {
+        planning.insert("proven_against_set".into(), json!(count));
+    }
+    let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
     put("issues", issues(run));
     if job.kind == Kind::Plan {
         put("plan", plan(run, samples));
@@ -96,6 +104,7 @@ fn cycle(cycle: &Cycle) -> Value {
         "time_s": cycle.time,
         "decision": cycle.decision.name(),
         "deceleration_mps2": deceleration,
+        "proven_against_set": cycle.is_proven_against_set,
         "expansions": cycle.expansions,
         "candidates": candidates(cycle),
     })

@@ -112,6 +112,10 @@ impl Settings {
                 return wrong(field, value, "positive and finite");
             }
         }
+        // infinite is a bound here: none
+        if p.uncertainty.most_across.is_nan() || p.uncertainty.most_across < 0.0 {
+            return wrong("planner.uncertainty.most_across", p.uncertainty.most_across, "zero or more");
+        }
         let corridor = p.refinement.corridor;
         if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
             return wrong("planner.refinement.corridor", corridor, "positive, and at most 1 m");
@@ -120,6 +124,8 @@ impl Settings {
             ("planner.refinement.least_gain", p.refinement.least_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
+            ("planner.uncertainty.along", p.uncertainty.along),
+            ("planner.uncertainty.across", p.uncertainty.across),
             ("planner.lattice.offset_limit", l.offset_limit),
         ];
         for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
@@ -183,6 +189,12 @@ impl Settings {
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
             return wrong(field, value, "at most 1");
         }
+        let u = &self.planner.uncertainty;
+        for (field, value) in [("planner.uncertainty.along", u.along), ("planner.uncertainty.across", u.across)] {
+            if value > HARDEST_TRAFFIC {
+                return wrong(field, value, "at most 20 m/s²");
+            }
+        }
         // costs are compared in millionths: larger weights would make all of them equal
         match self.planner.lattice.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
             Some((field, value)) => wrong(field, value, "at most 1e6"),
@@ -217,6 +229,8 @@ impl Settings {
     }
 }
 
+/// Accelerations of traffic that are more than any tyre gives, m/s².
+const HARDEST_TRAFFIC: f64 = 20.0;
 /// Largest weight of a cost term.
 const LARGEST_WEIGHT: f64 = 1e6;
 
@@ -288,6 +302,26 @@ mod tests {
         ] {
             assert!(complaint(text).contains(range), "{}", complaint(text));
         }
+    }
+
+    #[test]
+    fn the_bounds_of_motions_are_checked_and_may_leave_the_lane_unbounded() {
+        let read = |text: &str| {
+            let settings: Settings = toml::from_str(&format!("[planner.uncertainty]\n{text}")).unwrap();
+            settings.validate().map_err(|e| e.field)
+        };
+        for ok in ["mode = \"required\"", "most_across = inf", "most_across = 0.0", "along = 20.0", "across = 0.0"] {
+            assert_eq!(read(ok), Ok(()), "{ok}");
+        }
+        for key in ["along", "across", "most_across"] {
+            for wrong in ["-0.1", "nan"] {
+                assert!(read(&format!("{key} = {wrong}")).unwrap_err().ends_with(key));
+            }
+        }
+        assert!(read("along = 20.1").is_err() && read("across = inf").is_err());
+        assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"yielding\"").is_ok());
+        assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"polite\"").is_err());
+        assert!(toml::from_str::<Settings>("[planner.uncertainty]\nmode = \"always\"").is_err());
     }
 
     #[test]

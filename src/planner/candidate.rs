@@ -3,7 +3,7 @@
 use super::goal::GoalOnLane;
 use super::record::Rejection;
 use super::settings::Settings;
-use crate::collision::{Blocker, CollisionWorld};
+use crate::collision::{Blocker, Predictions};
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
@@ -18,7 +18,8 @@ use crate::vehicle::Vehicle;
 pub(super) struct Situation<'a> {
     pub(super) vehicle: &'a Vehicle,
     pub(super) settings: &'a Settings,
-    pub(super) world: &'a CollisionWorld,
+    /// What counts of the moving obstacles.
+    pub(super) traffic: &'a Predictions,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
     pub(super) goal_missed_at: Option<f64>,
@@ -194,7 +195,7 @@ impl Situation<'_> {
     fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
         let (end, planned_stop) = self.end_of_way(path);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.world.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
+        let grid = self.traffic.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - SHORTEST_CELL).collect();
         if stations.is_empty() {
             // no room at all: only a vehicle at rest has a plan here

@@ -8,7 +8,8 @@
 //! When the plan in force is left for another is one rule, in `hysteresis`.
 //!
 //! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
-//! margins, then with harder braking. Each plan says which it needed.
+//! margins, then with harder braking. Each plan says which it needed. Where the settings ask for it, proofs against all
+//! motions around the predicted ones are tried before (`traffic`).
 
 mod candidate;
 mod choice;
@@ -18,10 +19,11 @@ mod lanes;
 mod record;
 mod refinement;
 mod settings;
+mod traffic;
 
 pub use goal::GoalOnLane;
 pub use record::{Candidate, Cycle, Decision, Rejection, Smoothing, StageSeconds};
-pub use settings::{EmergencyLimits, Settings};
+pub use settings::{EmergencyLimits, RearTraffic, Settings, Uncertainty, UncertaintyMode};
 
 use std::time::Instant;
 
@@ -29,6 +31,7 @@ use self::candidate::{DELAY_HORIZON, Proven, Situation, planned_lateral};
 use self::choice::Choice;
 use self::hysteresis::InForce;
 use self::lanes::Lane;
+use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
@@ -49,6 +52,7 @@ pub struct Planner<'a> {
     /// With margins, without margins, without margins and finely resolved.
     worlds: [CollisionWorld; 3],
     lanes: Result<Vec<Lane>, NoLane>,
+    traffic: Traffic,
     committed: Option<Committed>,
     cruise: f64,
     horizon: f64,
@@ -67,6 +71,7 @@ struct Committed {
     is_refined: bool,
     /// Its cost without those of falling behind and of leaving the plan before it.
     way_cost: f64,
+    against_set: bool,
 }
 
 /// What proofs may use in one attempt.
@@ -90,6 +95,8 @@ struct Rung {
     junctions_kept_free: bool,
     /// Lateral acceleration that no path may ask for, m/s².
     lateral_limit: f64,
+    /// Whether proofs must hold for all motions of the traffic within the bounds, not for the predicted ones alone.
+    against_set: bool,
 }
 
 /// Where a cycle plans from.
@@ -135,7 +142,20 @@ impl<'a> Planner<'a> {
         ];
         let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
-        Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon, end_time })
+        let traffic = Traffic::default();
+        Ok(Self {
+            scenario,
+            problem,
+            vehicle,
+            settings,
+            worlds,
+            lanes,
+            traffic,
+            committed: None,
+            cruise,
+            horizon,
+            end_time,
+        })
     }
 
     /// Why there is no lane to drive on, if there is none.
@@ -155,6 +175,7 @@ impl<'a> Planner<'a> {
         let begun = Instant::now();
         let start = self.start(state);
         self.follow_route(&start);
+        self.look_at_traffic(&start);
         let mut record = CycleRecord::default();
         let rungs = self.rungs();
         let choice = rungs.iter().enumerate().find_map(|(attempt, rung)| {
@@ -174,9 +195,10 @@ impl<'a> Planner<'a> {
                 let way_cost = choice.path.terms.total() - choice.path.terms.switching;
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
-                let is_proven = true;
-                self.committed =
-                    Some(Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost });
+                let (is_proven, against_set) = (true, rung.against_set);
+                let committed =
+                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, against_set };
+                self.committed = Some(committed);
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
@@ -203,6 +225,7 @@ impl<'a> Planner<'a> {
             expansions: record.expansions,
             smoothing: committed.smoothing,
             is_refined: record.is_refined,
+            is_proven_against_set: committed.against_set,
             stage_seconds: record.seconds,
         }
     }
@@ -241,6 +264,7 @@ impl<'a> Planner<'a> {
             time_gap: self.settings.time_gap,
             junctions_kept_free: true,
             lateral_limit,
+            against_set: false,
         };
         let mut rungs = vec![
             first,
@@ -262,6 +286,7 @@ impl<'a> Planner<'a> {
             time_gap: 0.0,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
+            against_set: false,
         }));
         // bumper to bumper, cells of half a metre and slices of a tenth of a second are too coarse
         if let (None, Some(hardest)) = (&self.committed, rungs.last().copied()) {
@@ -270,7 +295,7 @@ impl<'a> Planner<'a> {
         if let Some(committed) = &self.committed {
             rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
         }
-        rungs
+        self.with_sets(rungs)
     }
 
     /// Where to plan from: the committed trajectory now, or the measured state if that is too far from it.
@@ -366,7 +391,7 @@ impl<'a> Planner<'a> {
         Situation {
             vehicle: self.vehicle,
             settings: self.settings,
-            world: &self.worlds[rung.world],
+            traffic: self.counted(&rung),
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -411,10 +436,13 @@ impl<'a> Planner<'a> {
         worth
     }
 
-    /// What going on along the plan in force costs, where it is proven by no harder braking than the choice: its way's
+    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less
+    /// than the choice: its way's
     /// cost as it was when it was chosen, the way that it has come to miss since, and how far it falls behind from here.
     fn staying(&self, start: &Start, rung: Rung, choice: &Choice, plan: &InForce<'_>) -> Option<f64> {
-        let committed = self.committed.as_ref().filter(|c| c.is_proven && c.deceleration <= choice.deceleration)?;
+        let is_as_safe =
+            |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.against_set >= rung.against_set;
+        let committed = self.committed.as_ref().filter(is_as_safe)?;
         let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
         let weights = &self.settings.lattice.weights;
         let behind =
@@ -449,8 +477,8 @@ impl<'a> Planner<'a> {
         let smoothing = Smoothing::EmergencyStop;
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
-                let way_cost = 0.0;
-                Committed { trajectory, deceleration, is_proven: false, smoothing, is_refined: false, way_cost }
+                let (is_proven, is_refined, against_set, way_cost) = (false, false, false, 0.0);
+                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, against_set }
             }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),

@@ -33,6 +33,9 @@ pub struct Cycle {
     pub smoothing: Smoothing,
     /// Whether the committed path is a refined one; if not, the lattice's own stands.
     pub is_refined: bool,
+    /// Whether the committed plan's stop is proven for all motions of the traffic within the bounds that the settings give, as
+    /// seen when the plan was made; if not, for the predicted motions alone. Never where the settings ask for no such proof.
+    pub is_proven_against_set: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
     pub stage_seconds: StageSeconds,
 }
