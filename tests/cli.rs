@@ -349,7 +349,8 @@ fn are_sound_candidates(candidates: &Value) -> std::collections::BTreeMap<String
             assert!(candidate[key].is_f64(), "{key} of {candidate}");
         }
         let terms = candidate["terms"].as_object().unwrap();
-        let names = ["offset", "bending", "clearance", "lane", "missing", "switching", "lane_change", "delay"];
+        let names =
+            ["offset", "bending", "clearance", "lane", "missing", "switching", "lane_change", "delay", "slowing"];
         assert!(terms.len() == names.len() && names.iter().all(|n| terms[*n].as_f64().unwrap() >= 0.0), "{terms:?}");
         let sum: f64 = terms.values().map(|v| v.as_f64().unwrap()).sum();
         assert!((sum - candidate["cost"].as_f64().unwrap()).abs() < 1e-9, "the cost is the sum of its terms");
