@@ -114,7 +114,7 @@ fn held(kind: Kind, run: &Run) -> bool {
     match kind {
         Kind::Plan => run.outcome == Outcome::Planned,
         Kind::Drive => {
-            let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision);
+            let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision | Outcome::TimedOut);
             !failed && !run.verdict.checks.is_empty() && run.verdict.pass()
         }
     }

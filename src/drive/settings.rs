@@ -63,6 +63,7 @@ impl Settings {
     /// The first setting out of its range.
     pub fn validate(&self) -> Result<(), SettingsError> {
         self.signs()?;
+        self.sane()?;
         self.order()?;
         self.bounded_work()?;
         self.shares()?;
@@ -134,6 +135,27 @@ impl Settings {
             }
         }
         Ok(())
+    }
+
+    /// What would mean nothing beyond a bound: a typing error, most likely.
+    fn sane(&self) -> Result<(), SettingsError> {
+        let (p, l) = (&self.planner, &self.planner.lattice);
+        let mut bounded = vec![
+            ("run.longest".to_owned(), self.run.longest, 86_400.0, "s"),
+            ("run.rest".to_owned(), self.run.rest, 3_600.0, "s"),
+            ("planner.standoff".to_owned(), p.standoff, 100.0, "m"),
+            ("planner.time_gap".to_owned(), p.time_gap, 60.0, "s"),
+            ("planner.lattice.edge_time".to_owned(), l.edge_time, 60.0, "s"),
+            ("planner.lattice.steepest".to_owned(), l.steepest, 10.0, ""),
+        ];
+        for (i, e) in p.emergency.iter().enumerate() {
+            bounded.push((format!("planner.emergency[{i}].acceleration"), e.acceleration, 20.0, "m/s²"));
+            bounded.push((format!("planner.emergency[{i}].deceleration"), e.deceleration, 20.0, "m/s²"));
+        }
+        match bounded.into_iter().find(|(_, value, most, _)| value > most) {
+            Some((field, value, most, unit)) => wrong(field, value, format!("at most {most} {unit}").trim_end()),
+            None => Ok(()),
+        }
     }
 
     /// What has to be no less than another setting.
@@ -293,8 +315,13 @@ mod tests {
     }
 
     #[test]
-    fn absurdly_small_values_are_refused_with_the_range() {
+    fn absurd_values_are_refused_with_the_range() {
         for (text, range) in [
+            ("[planner]\nstandoff = 1e300", "planner.standoff` is 1e300, it must be at most 100 m"),
+            ("[planner]\ntime_gap = 61.0", "at most 60 s"),
+            ("[run]\nrest = 1e300", "at most 3600 s"),
+            ("[planner.lattice]\nsteepest = 11.0", "at most 10"),
+            ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
             ("[planner]\njerk = 1e-9", "0.1 to 1000 m/s³"),
             ("[planner.lattice]\ngrid = 1e-6", "0.5 to 100 m"),
             ("[planner.lattice]\nroot_layers = 0", "1 to 20"),
