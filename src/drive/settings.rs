@@ -317,7 +317,7 @@ mod tests {
     #[test]
     fn absurd_values_are_refused_with_the_range() {
         for (text, range) in [
-            ("[planner]\nstandoff = 1e300", "planner.standoff` is 1e300, it must be at most 100 m"),
+            ("[planner]\nstandoff = 200.0", "planner.standoff` is 200, it must be at most 100 m"),
             ("[planner]\ntime_gap = 61.0", "at most 60 s"),
             ("[run]\nrest = 1e300", "at most 3600 s"),
             ("[planner.lattice]\nsteepest = 11.0", "at most 10"),
