@@ -16,7 +16,7 @@ use stopline::map::{
 };
 use stopline::planner::{Cycle, Decision, Planner, Settings};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
-use stopline::speed::{AccelerationLimits, Resolution, SpeedOutcome, SpeedProblem, plan, smoothing};
+use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search, smoothing};
 use stopline::vehicle::{Comfort, State, Vehicle};
 
 fn main() {
@@ -237,15 +237,16 @@ fn blocked_grid_kept(bencher: Bencher) {
 fn speed_search(bencher: Bencher) {
     let problem = Stages::new().speed_problem();
     let resolution = Resolution { expansions: Settings::default().expansions, ..Resolution::default() };
-    assert!(matches!(plan(&problem, &resolution), SpeedOutcome::Proven(_)));
-    bencher.bench_local(|| plan(black_box(&problem), &resolution));
+    let found = || search(black_box(&problem), Strategy::SafeTlp, &resolution);
+    assert!(found().unwrap().proven().is_some());
+    bencher.bench_local(found);
 }
 
 /// Of the chosen candidate.
 #[divan::bench]
 fn smoothing_and_proof(bencher: Bencher) {
     let problem = Stages::new().speed_problem();
-    let SpeedOutcome::Proven(found) = plan(&problem, &Resolution::default()) else { panic!("no plan") };
+    let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven().expect("a plan");
     let searched = smoothing::unsmoothed(&problem, &found).unwrap();
     let settings = smoothing::Settings::default();
     bencher.bench_local(|| smoothing::smooth_and_prove(black_box(&problem), &problem.caps, &searched, 0.0, &settings));

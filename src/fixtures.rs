@@ -25,7 +25,7 @@ use crate::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, LaneletId, Motion, Neighbour, Obstacle, ObstacleKind, Part,
     PlanningProblem, RoadNetwork, Scenario, Shape, TimedPose,
 };
-use crate::planner::{Cycle, Decision, StageSeconds};
+use crate::planner::{Cycle, Decision, Smoothing, StageSeconds};
 use crate::trajectory::{Path, SpeedKnot, Trajectory};
 use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
@@ -215,8 +215,9 @@ pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
         chosen: None,
         edges: Default::default(),
         expansions: 0,
-        is_smooth: true,
+        smoothing: Smoothing::Comfortable,
         is_refined: false,
+        is_proven_against_set: false,
         stage_seconds: StageSeconds::default(),
     }
 }

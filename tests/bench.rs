@@ -17,6 +17,89 @@ fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
+/// A small version of the paper's experiment: two start speeds, 20 m.
+const SMALL: [&str; 6] = ["bench", "safetlp", "--every", "13", "--length", "20"];
+
+#[test]
+fn the_papers_experiment_is_written_in_every_form_and_says_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = |more: &[&str]| run(folder.path(), &[&SMALL, more].concat());
+    let printed = with(&["--csv", "a.csv", "--svg", "a.svg", "--json", "a.json"]);
+    assert_eq!(printed.status.code(), Some(0), "{}", text(&printed.stderr));
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let value: Value = serde_json::from_str(&read("a.json")).unwrap();
+    assert_eq!((&value["instances"], &value["verdict"]), (&8.into(), &"pass".into()));
+    assert!(text(&printed.stdout).contains(value["hash"].as_str().unwrap()));
+    // a row for each of six methods and eight instances
+    let (csv, svg) = (read("a.csv"), read("a.svg"));
+    assert_eq!(csv.lines().count(), 1 + 6 * 8);
+    assert!(csv.lines().all(|line| line.split(',').count() == 15), "{csv}");
+    for panel in ["expansions", "times", "speeds"] {
+        assert!(svg.contains(&format!("id=\"{panel}\"")), "{panel}");
+    }
+    // nothing but times may differ between two runs, whatever the number of threads
+    let again = with(&["--json", "-", "--quiet"]);
+    let again: Value = serde_json::from_slice(&again.stdout).unwrap();
+    assert_eq!(again["hash"], value["hash"]);
+}
+
+#[test]
+fn bounds_of_memory_and_time_end_the_experiment_with_a_line_and_exit_1() {
+    let folder = tempfile::tempdir().unwrap();
+    let road = ["bench", "safetlp", "--every", "13", "--length", "60"];
+    for (bound, line) in [
+        (["--memory", "1"], "ended at the memory bound of 1 MiB"),
+        (["--time-limit", "0"], "plan-to-stop: 8 of 8 searches were left out: the time limit of 0 s was over"),
+    ] {
+        let output = run(folder.path(), &[&road[..], &bound].concat());
+        let said = text(&output.stdout);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains(line), "{said}");
+    }
+}
+
+#[test]
+fn a_road_that_the_steps_do_not_cut_is_exit_2() {
+    let folder = tempfile::tempdir().unwrap();
+    for (option, value, word) in [
+        ("--step", "0", "step"),
+        ("--step", "101", "step of 101 m on a road of 100 m"),
+        ("--step=-1", "", "step"),
+        ("--length", "nan", "road of NaN m"),
+        ("--length", "inf", "road of inf m"),
+        ("--time-bin", "0", "time bin"),
+        ("--time-limit", "nan", "--time-limit"),
+        ("--every", "0", "--every"),
+        ("--memory", "0", "--memory"),
+    ] {
+        let arguments = ["bench", "safetlp", option, value];
+        let output = run(folder.path(), &arguments[..if value.is_empty() { 3 } else { 4 }]);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{option} {value}: {said}");
+        assert!(said.contains(word) && output.stdout.is_empty(), "{option} {value}: {said}");
+    }
+}
+
+/// The table in `docs/` is what the program finds, as far as it finds it quickly.
+#[test]
+fn the_table_of_the_papers_experiment_in_the_docs_is_up_to_date() {
+    let kept = include_str!("../docs/speed/experiment.csv");
+    let of = |table: &str, method: &str| -> Vec<String> {
+        let rows = table.lines().filter(|line| line.starts_with(&format!("{method},")));
+        // all columns but the clock's
+        rows.filter_map(|line| line.rsplit_once(',').map(|(row, _)| row.to_owned())).collect()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), &["bench", "safetlp", "--time-limit", "0", "--csv", "a.csv", "--quiet"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let fresh = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    for method in ["naive", "safetlp", "safetlp_planner", "safe_rts"] {
+        assert_eq!(of(kept, method).len(), 104);
+        assert_eq!(of(kept, method), of(&fresh, method), "{method}: see docs/speed.md for the command");
+    }
+    assert!(of(kept, "plan_to_stop").iter().all(|row| row.contains(",proven,") && row.ends_with(",1")));
+}
+
 /// The result of a run with `--json -`.
 fn result(folder: &Path, arguments: &[&str]) -> Value {
     let output = run(folder, &[&["bench", "spirals", "--json", "-"], arguments].concat());

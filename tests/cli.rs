@@ -362,6 +362,22 @@ fn are_sound_candidates(candidates: &Value) -> std::collections::BTreeMap<String
 }
 
 #[test]
+fn proofs_against_sets_of_motions_are_counted_only_where_they_are_asked_for() {
+    let place = Place::new();
+    let slow_lead = concat!(env!("CARGO_MANIFEST_DIR"), "/maps/slow_lead.xml");
+    let planned = |mode: &str| -> (Value, String) {
+        let file = place.file("sets.toml", format!("[planner.uncertainty]\nmode = \"{mode}\"\n"));
+        let output = place.run(&["plan", slow_lead, "--config", &file, "--json", "-"]);
+        let text = place.run(&["plan", slow_lead, "--config", &file]);
+        (serde_json::from_slice(&output.stdout).unwrap(), String::from_utf8(text.stdout).unwrap())
+    };
+    let counted = |mode: &str| planned(mode).0["planning"]["proven_against_set"].as_u64();
+    assert_eq!((counted("off"), counted("preferred"), counted("required")), (None, Some(1), Some(1)));
+    assert!(planned("preferred").1.contains("proven against all motions within the bounds: 1 of 1"));
+    assert!(!planned("off").1.contains("all motions"));
+}
+
+#[test]
 fn a_plan_lists_its_candidates_with_terms_and_reasons() {
     let place = Place::new();
     let parked = concat!(env!("CARGO_MANIFEST_DIR"), "/maps/parked_car.xml");

@@ -65,3 +65,16 @@ fn a_wall_too_near_to_stop_before_leaves_no_cycle_proven() {
     let proven = run.verdict.checks.iter().find(|c| c.name == "stop_proven").unwrap();
     assert_eq!((proven.value, proven.pass), (0.0, false));
 }
+
+/// The file's time steps are where a goal counts; no physics step may pass between them.
+#[test]
+fn a_goal_is_reached_whatever_the_length_of_a_physics_step() {
+    let (scenario, vehicle) = (straight(), vehicle::load("bmw_320i").unwrap());
+    for step in [0.0007, 0.001, 0.0016, 0.0017, 0.0019] {
+        let mut settings = Settings::default();
+        settings.simulation.step = step;
+        let run = drive::drive(&scenario, &scenario.problems[0], &vehicle, &settings, &mut |_, _| {}).unwrap();
+        assert_eq!(run.outcome, Outcome::GoalReached, "{step} s");
+        assert!(run.verdict.pass(), "{step} s: {:?}", run.verdict.first_failure());
+    }
+}

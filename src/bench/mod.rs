@@ -5,6 +5,7 @@
 //! fields named `time`, read from the wall clock, and nothing else depends on them.
 
 pub mod problems;
+pub mod safetlp;
 pub mod spirals;
 
 use std::time::Instant;
@@ -16,6 +17,21 @@ pub struct Times {
     pub median_us: f64,
     /// Ninety-nine in a hundred took no longer.
     pub p99_us: f64,
+}
+
+/// Something promised, with its figure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Check {
+    /// Stable name.
+    pub name: &'static str,
+    /// Whether it held.
+    pub pass: bool,
+    /// The figure.
+    pub value: f64,
+    /// What it may be.
+    pub limit: f64,
+    /// Unit of both.
+    pub unit: &'static str,
 }
 
 /// Runs of a problem, of which the shortest counts: what the machine did in between is not the method's.

@@ -54,6 +54,53 @@ pub(super) enum Comparison {
     /// Smooth paths between lattice ends: spirals, polynomials, the lecture's way.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Spirals(SpiralArgs),
+    /// The experiment of the SafeTLP paper: four ways to search a speed, 104 instances. Takes minutes.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Safetlp(SafeTlpArgs),
+}
+
+/// Arguments of `bench safetlp`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct SafeTlpArgs {
+    /// Length of the road, m.
+    #[arg(long, value_name = "M", default_value_t = 100.0)]
+    pub(super) length: f64,
+
+    /// Length of a step, m.
+    #[arg(long, value_name = "M", default_value_t = 0.5)]
+    pub(super) step: f64,
+
+    /// Width of a time bin, s.
+    #[arg(long, value_name = "S", default_value_t = 0.1)]
+    pub(super) time_bin: f64,
+
+    /// Take every Nth start speed only: 1 is the paper's experiment, 13 ends within seconds.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) every: u32,
+
+    /// Memory that a search may use, MiB.
+    #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub(super) memory: u32,
+
+    /// Begin no search of plan-to-stop after this time, s; those left out are told.
+    #[arg(long, value_name = "S", default_value_t = 1800.0, value_parser = seconds)]
+    pub(super) time_limit: f64,
+
+    /// The result as JSON; `-` prints it on stdout, and nothing else.
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    pub(super) json: Option<PathBuf>,
+
+    /// What each method made of each instance, as a table.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) csv: Option<PathBuf>,
+
+    /// The paper's three figures as one picture.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) svg: Option<PathBuf>,
+
+    /// No report and no progress bar; errors only.
+    #[arg(long)]
+    pub(super) quiet: bool,
 }
 
 /// Arguments of `bench spirals`.
@@ -142,6 +189,14 @@ pub(super) struct RunArgs {
     /// No report and no progress bar; errors only.
     #[arg(long)]
     pub(super) quiet: bool,
+}
+
+/// A time that is a number and not negative, s.
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds >= 0.0 => Ok(seconds),
+        _ => Err("a time in seconds, not negative".into()),
+    }
 }
 
 #[cfg(test)]

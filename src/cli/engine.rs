@@ -1,5 +1,6 @@
 //! Runs a job: the only file of the command line that knows planner, physics, verdict and pictures.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use indicatif::ProgressBar;
@@ -10,8 +11,9 @@ use crate::bench::quantile;
 use crate::drive::{self, Outcome, Run};
 use crate::io::{csv, files, solution};
 use crate::lattice::EdgeCounts;
-use crate::planner::{Decision, Rejection};
+use crate::planner::{Cycle, Decision, Rejection, Smoothing, UncertaintyMode};
 use crate::simulation::{Log, Sample};
+use crate::speed::{smoothing, tail};
 use crate::verdict::{self, Metrics};
 
 pub(super) use crate::drive::Settings;
@@ -39,13 +41,23 @@ pub(super) struct Planning {
     pub(super) cycles: usize,
     pub(super) proven_cycles: usize,
     pub(super) refined_cycles: usize,
+    /// Cycles whose plan is proven against all motions within the bounds; `None` if the settings ask for no such proof.
+    pub(super) proven_against_set: Option<usize>,
     pub(super) expansions: usize,
     pub(super) candidates: usize,
     /// How many candidates were rejected, by reason, in the order of [`Rejection::ALL`].
     pub(super) rejections: Vec<(Rejection, usize)>,
     /// What became of the lattice edges looked at.
     pub(super) edges: EdgeCounts,
+    /// Cycles by what became of the smoothing of the profile in force.
+    pub(super) smoothing: BTreeMap<&'static str, usize>,
+    /// Cycles whose profile in force is unsmoothed, by reason.
+    pub(super) unsmoothed: BTreeMap<&'static str, usize>,
+    /// Cycles whose profile in force creeps to its rest.
+    pub(super) creeping_cycles: usize,
     pub(super) time_ms: Times,
+    /// Of smoothing and its proof alone, in the cycles with a new plan.
+    pub(super) smoothing_ms: Times,
 }
 
 /// Wall-clock times of the planning cycles, ms.
@@ -87,7 +99,7 @@ pub(super) fn result_of(job: &Job, run: &Run) -> Summary {
     let mut summary = Summary {
         held: held(job.kind, run),
         metrics,
-        planning: planning(run),
+        planning: planning(job, run),
         solution: job.outputs.solution.is_some().then(|| fitted(job, run)).flatten(),
         hash: String::new(),
         json: serde_json::Value::Null,
@@ -102,28 +114,51 @@ fn held(kind: Kind, run: &Run) -> bool {
     match kind {
         Kind::Plan => run.outcome == Outcome::Planned,
         Kind::Drive => {
-            let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision);
+            let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision | Outcome::TimedOut);
             !failed && !run.verdict.checks.is_empty() && run.verdict.pass()
         }
     }
 }
 
-fn planning(run: &Run) -> Planning {
+fn planning(job: &Job, run: &Run) -> Planning {
     let proven = |decision: Decision| !matches!(decision, Decision::Unproven);
-    let mut times: Vec<f64> = run.cycles.iter().map(|c| c.stage_seconds.total * 1000.0).collect();
-    times.sort_by(f64::total_cmp);
+    let new_plans = run.cycles.iter().filter(|c| matches!(c.decision, Decision::NewPlan { .. }));
+    let mut smoothing: BTreeMap<_, _> = Smoothing::CODES.iter().map(|code| (*code, 0)).collect();
+    let mut unsmoothed: BTreeMap<_, _> = smoothing::Failure::codes().map(|code| (code, 0)).collect();
+    for cycle in &run.cycles {
+        *smoothing.entry(cycle.smoothing.code()).or_default() += 1;
+        if let Smoothing::Unsmoothed(why) = cycle.smoothing {
+            *unsmoothed.entry(why.code()).or_default() += 1;
+        }
+    }
     let mut edges = EdgeCounts::default();
     run.cycles.iter().for_each(|c| edges.add(&c.edges));
     let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
+    let comfortable = run.vehicle.comfort.deceleration;
+    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::PATIENCE;
     Planning {
         rejections: Rejection::ALL.map(rejected).to_vec(),
         edges,
         cycles: run.cycles.len(),
         proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        proven_against_set: (job.settings.planner.uncertainty.mode != UncertaintyMode::Off)
+            .then(|| run.cycles.iter().filter(|c| c.is_proven_against_set).count()),
         refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
         expansions: run.cycles.iter().map(|c| c.expansions).sum(),
         candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
-        time_ms: Times { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) },
+        smoothing,
+        unsmoothed,
+        creeping_cycles: run.cycles.iter().filter(creeps).count(),
+        time_ms: Times::of(run.cycles.iter().map(|c| c.stage_seconds.total)),
+        smoothing_ms: Times::of(new_plans.map(|c| c.stage_seconds.smoothing)),
+    }
+}
+
+impl Times {
+    fn of(seconds: impl Iterator<Item = f64>) -> Self {
+        let mut times: Vec<f64> = seconds.map(|s| s * 1000.0).collect();
+        times.sort_by(f64::total_cmp);
+        Self { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) }
     }
 }
 

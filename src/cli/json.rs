@@ -7,6 +7,8 @@
 //!
 //! `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), every code always
 //! there; `planning.edges` counts lattice edges by what became of them ([`EdgeCounts`](crate::lattice::EdgeCounts)).
+//! `planning.proven_against_set` counts the cycles whose plan holds against all motions within the bounds of
+//! `planner.uncertainty`; it is there only if the settings ask for such proofs.
 //! `plan` lists the candidates of its one cycle; a drive has hundreds of cycles and lists them only if asked.
 
 use serde_json::{Map, Value, json};
@@ -24,8 +26,9 @@ pub(super) fn fill(job: &Job, run: &Run, summary: &mut Summary) {
     let mut result = result(job, run, summary, &samples);
     summary.hash = hash(&Value::Object(result.clone()), &samples);
     if let Some(planning) = result.get_mut("planning").and_then(Value::as_object_mut) {
-        let Times { median, p99, max } = summary.planning.time_ms;
-        planning.insert("time_ms".into(), json!({ "median": median, "p99": p99, "max": max }));
+        let told = |Times { median, p99, max }: Times| json!({ "median": median, "p99": p99, "max": max });
+        planning.insert("time_ms".into(), told(summary.planning.time_ms));
+        planning.insert("smoothing_ms".into(), told(summary.planning.smoothing_ms));
     }
     if job.outputs.json_cycles {
         result.insert("cycles".into(), run.cycles.iter().map(cycle).collect());
@@ -63,12 +66,21 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
             "cycles": summary.planning.cycles,
             "proven_cycles": summary.planning.proven_cycles,
             "refined_cycles": summary.planning.refined_cycles,
+            "smoothing": summary.planning.smoothing,
+            "creeping_cycles": summary.planning.creeping_cycles,
+            "unsmoothed": summary.planning.unsmoothed,
             "expansions": summary.planning.expansions,
             "candidates": summary.planning.candidates,
             "rejections": rejections(summary),
             "edges": serde_json::to_value(&summary.planning.edges).unwrap_or_default(),
         }),
     );
+    if let (Some(count), Some(planning)) =
+        (summary.planning.proven_against_set, result.get_mut("planning").and_then(Value::as_object_mut))
+    {
+        planning.insert("proven_against_set".into(), json!(count));
+    }
+    let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
     put("issues", issues(run));
     if job.kind == Kind::Plan {
         put("plan", plan(run, samples));
@@ -92,6 +104,7 @@ fn cycle(cycle: &Cycle) -> Value {
         "time_s": cycle.time,
         "decision": cycle.decision.name(),
         "deceleration_mps2": deceleration,
+        "proven_against_set": cycle.is_proven_against_set,
         "expansions": cycle.expansions,
         "candidates": candidates(cycle),
     })

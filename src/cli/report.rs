@@ -52,6 +52,9 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
          cycle time: {:.2} ms median, {:.2} ms p99, {:.2} ms max",
         p.cycles, p.proven_cycles, p.candidates, p.expansions, p.time_ms.median, p.time_ms.p99, p.time_ms.max
     );
+    if let Some(count) = p.proven_against_set {
+        let _ = writeln!(text, "proven against all motions within the bounds: {count} of {} cycle(s)", p.cycles);
+    }
     let counted = |counts: &mut dyn Iterator<Item = (&'static str, usize)>| {
         let told: Vec<String> = counts.filter(|(_, n)| *n > 0).map(|(name, n)| format!("{name} {n}")).collect();
         if told.is_empty() { "none".to_owned() } else { told.join(", ") }

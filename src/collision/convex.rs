@@ -8,7 +8,8 @@
 use parry2d::bounding_volume::Aabb;
 
 use super::convert::{Local, Origin, vector};
-use super::outline::SweptParts;
+use super::outline::{SweptParts, signs_between};
+use super::uncertainty::Reach;
 use crate::geometry::Pose;
 use crate::map::ConvexPart;
 
@@ -54,6 +55,35 @@ impl Convex {
                 Self::hull_of(poses.iter().map(|p| vector(p.to_world(*centre))).collect(), radius.max(0.0) + slack)
             }
         }
+    }
+
+    /// The Minkowski sum with a rectangle of deviations: the hull of every corner moved by those corners of the rectangle
+    /// that are outermost between the normals of the two edges that meet there.
+    pub(super) fn spread(&self, reach: &Reach) -> Option<Self> {
+        let Reach { forward, ahead, behind, across } = *reach;
+        let moved = |p: Local, out: Local| {
+            p + forward * (if out.x > 0.0 { ahead } else { -behind }) + forward.perp() * (out.y * across)
+        };
+        let n = self.points.len();
+        // the outward normal of the edge from point i, in the rectangle's axes
+        let outward = |i: usize| {
+            let edge = self.points[(i + 1) % n] - self.points[i];
+            let outward = Local::new(edge.y, -edge.x);
+            Local::new(outward.dot(forward), forward.perp_dot(outward))
+        };
+        let mut points = Vec::with_capacity(n + 4);
+        for (i, p) in self.points.iter().enumerate() {
+            if n < 3 {
+                // a point has no normals, and those of a segment are half a turn apart
+                let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
+                points.extend(corners.map(|(x, y)| moved(*p, Local::new(x, y))));
+            } else {
+                points.extend(signs_between(outward((i + n - 1) % n), outward(i)).map(|out| moved(*p, out)));
+            }
+        }
+        // already in order, but for rounding: a rectangle with a side of next to nothing gives edges in any direction, and
+        // one that does not belong to the hull would part what overlaps
+        Self::hull_of(points, self.radius)
     }
 
     pub(super) fn segment(a: Local, b: Local) -> Self {
@@ -269,6 +299,29 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
+        /// The slow way: the hull of every point moved by every corner.
+        #[test]
+        fn spreading_is_the_minkowski_sum_with_the_rectangle(
+            body in points(1..9), yaw in prop_oneof![Just(0.0), Just(1.0), -4.0..4.0f64],
+            ahead in prop_oneof![Just(1e-17), Just(1e-12), 0.0..9.0f64], behind in prop_oneof![Just(1e-17), 0.0..3.0f64],
+            across in prop_oneof![Just(0.0), Just(1e-16), 0.0..2.0f64], radius in 0.0..1.0f64,
+        ) {
+            let forward = Local::new(f64::cos(yaw), f64::sin(yaw));
+            let body = Convex::hull_of(body, radius).unwrap();
+            let ours = body.spread(&Reach { forward, ahead, behind, across }).unwrap();
+            let corners = [(ahead, across), (-behind, across), (-behind, -across), (ahead, -across)];
+            let moved = |p: &Local| corners.map(|(x, y)| *p + forward * x + forward.perp() * y);
+            let slow = Convex::hull_of(body.points.iter().flat_map(moved).collect(), radius).unwrap();
+            for (a, b) in [(&ours, &slow), (&slow, &ours), (&ours, &ours)] {
+                let bare = Convex { radius: 0.0, ..b.clone() };
+                for p in a.points() {
+                    prop_assert!(bare.distance_to(&[*p, *p, *p]) < 1e-9, "{p}");
+                }
+            }
+            let apart = (ours.aabb.mins - slow.aabb.mins).length() + (ours.aabb.maxs - slow.aabb.maxs).length();
+            prop_assert!(apart < 1e-9 && ours.radius == radius);
+        }
+
         #[test]
         fn overlap_and_distance_agree_with_parry(a in points(8..9), b in points(3..9), radius in 0.0..2.0f64, shift in 0.0..8.0f64) {
             let b: Vec<Local> = b.into_iter().map(|p| p + Local::new(shift, 0.3 * shift)).collect();

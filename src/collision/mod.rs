@@ -13,7 +13,7 @@
 //! So there are no false negatives against the vehicle and obstacle motion that the map describes; false positives
 //! stay within some centimetres at the default settings.
 //!
-//! **Weakness.** It believes the predictions. Stations are resolved to the cell (0.5 m), times to the slice (0.1 s).
+//! **Weakness.** It believes the predictions, unless it is asked about motions around them ([`uncertainty`]). Stations are resolved to the cell (0.5 m), times to the slice (0.1 s).
 //! Where the vehicle drifts off its path, only the margins protect it.
 //!
 //! All poses are those of the rear axle, in world coordinates; times are seconds since time step 0 of the file.
@@ -28,6 +28,7 @@ pub mod moving;
 mod outline;
 pub mod statics;
 pub mod swept;
+pub mod uncertainty;
 mod wide;
 
 pub use blocked::{BlockedGrid, BlockedInterval};
@@ -36,6 +37,7 @@ pub use drivable::DrivableArea;
 pub use moving::Predictions;
 pub use statics::{Allowance, Clearance, StaticHit, StaticWorld};
 pub use swept::{Margins, Sweep};
+pub use uncertainty::MotionBounds;
 
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::Bvh;

@@ -14,6 +14,14 @@
 //! run. A query asks parry's hierarchy over chunks of slices for those that meet the sweep's box at all, then descends
 //! the sweep's own hierarchy with the box of each slice, and decides by exact tests.
 //!
+//! # What else may count
+//! [`Predictions::without`] leaves slices of some obstacles out (of those who give way); [`Predictions::grown`] covers
+//! every motion within bounds around the predicted ones, as seen from a moment ([`super::uncertainty`]). Both are
+//! predictions again and are asked in the same way.
+//!
+//! What predictions block is kept with each sweep. It is kept for the first predictions that ask; the answers to all others,
+//! and to grown ones, which hold for one moment only, are computed each time.
+//!
 //! # Weakness
 //! A piece that moves far in a slice while turning is covered by one hull. Nothing is known beyond the horizon.
 
@@ -28,9 +36,10 @@ use super::blocked::{BlockedGrid, CellRuns, GridBuilder, SliceBits};
 use super::convert::Origin;
 use super::convex::{Convex, SweptCorners, boxes_meet, merged};
 use super::swept::{Margins, Sweep, with_margins};
+use super::uncertainty::{Leg, MotionBounds, Spread};
 use super::{CollisionSettings, Overlap};
 use crate::geometry::{Pose, wrap_angle};
-use crate::map::{ConvexPart, Motion, Obstacle, TimedOccupancy, TimedPose};
+use crate::map::{ConvexPart, Motion, Obstacle, ObstacleKind, TimedOccupancy, TimedPose};
 
 /// Slices per leaf of the hierarchy over time and space.
 const CHUNK: usize = 8;
@@ -45,12 +54,12 @@ pub struct Predictions {
     slices: usize,
     origin: Origin,
     margins: Margins,
-    obstacles: Vec<Obstacle>,
-    tracks: Vec<Track>,
+    obstacles: Arc<[Obstacle]>,
+    tracks: Vec<Arc<Track>>,
     chunks: Vec<Chunk>,
     tree: Bvh,
-    /// Tells these predictions from others (a clone is the same).
-    identity: Arc<()>,
+    /// Tells these predictions from others (a clone is the same); `None` if nothing is to be kept of them.
+    identity: Option<Arc<()>>,
 }
 
 /// What these predictions block along a sweep, kept with it: a sweep on a kept edge is asked about in many cycles.
@@ -69,6 +78,24 @@ struct Track {
     id: i64,
     first: usize,
     slices: Vec<Slice>,
+    /// The predicted motion in each of the slices; `None` for prediction sets, which have no heading.
+    course: Option<Course>,
+}
+
+/// A predicted motion, slice by slice.
+#[derive(Debug, Clone)]
+struct Course {
+    /// The first state.
+    begins: TimedPose,
+    legs: Vec<Leg>,
+    may_reverse: Reversing,
+}
+
+/// Whether an obstacle of its kind may move backwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Reversing {
+    Always,
+    IfVehiclesDo,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -93,20 +120,51 @@ impl Predictions {
         let slices = index((horizon / slice - TIME_SLACK).ceil());
         let mut obstacles: Vec<Obstacle> = obstacles.iter().filter(|o| !o.is_static()).cloned().collect();
         obstacles.sort_by_key(|o| o.id);
-        let tracks: Vec<Track> = obstacles.iter().filter_map(|o| Track::new(o, &origin, slice, slices)).collect();
-        let (chunks, boxes): (Vec<Chunk>, Vec<Aabb>) = tracks.iter().enumerate().flat_map(chunks_of).unzip();
-        let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
+        let tracks: Vec<_> =
+            obstacles.iter().filter_map(|o| Track::new(o, &origin, slice, slices).map(Arc::new)).collect();
+        let (chunks, tree) = hierarchy(&tracks);
         Self {
             slice,
             slices,
             origin,
             margins: settings.moving_obstacles,
-            obstacles,
+            obstacles: obstacles.into(),
             tracks,
             chunks,
             tree,
-            identity: Arc::new(()),
+            identity: Some(Arc::new(())),
         }
+    }
+
+    /// These predictions with other regions.
+    fn with_tracks(&self, tracks: Vec<Arc<Track>>, identity: Option<Arc<()>>) -> Self {
+        let (chunks, tree) = hierarchy(&tracks);
+        Self { tracks, chunks, tree, identity, obstacles: Arc::clone(&self.obstacles), ..*self }
+    }
+
+    /// These predictions without the slices of some obstacles that end by a time each (id, s since time step 0 of the
+    /// file); later ones stay.
+    #[must_use]
+    pub fn without(&self, left_out: &[(i64, f64)]) -> Self {
+        let left = |track: &Arc<Track>| match left_out.iter().find(|(id, _)| *id == track.id) {
+            Some((_, until)) => Arc::new(track.after(until / self.slice + TIME_SLACK)),
+            None => Arc::clone(track),
+        };
+        self.with_tracks(self.tracks.iter().map(left).collect(), Some(Arc::new(())))
+    }
+
+    /// The regions that the obstacles may cover from `now` on (s since time step 0 of the file), their states then being
+    /// the predicted ones and their later motions anything within the bounds. Prediction sets stay as they are.
+    #[must_use]
+    pub fn grown(&self, now: f64, bounds: &MotionBounds) -> Self {
+        if bounds.hold_nothing_more() {
+            return self.clone();
+        }
+        let grown = |track: &Arc<Track>| match &track.course {
+            Some(course) => Arc::new(track.grown(course, now, self.slice, bounds)),
+            None => Arc::clone(track),
+        };
+        self.with_tracks(self.tracks.iter().map(grown).collect(), None)
     }
 
     /// End of what is predicted, s since time step 0 of the file.
@@ -123,22 +181,28 @@ impl Predictions {
         let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
         let mut grid = GridBuilder::new(self.slice, first..end);
         for sweep in sweeps {
-            let kept = sweep.kept_runs().get_or_init(|| self.runs(sweep, first));
-            if Arc::ptr_eq(&kept.of, &self.identity) && kept.first <= first {
-                grid.append(sweep, &kept.runs, |track| self.tracks[track].id);
-            } else {
-                // kept for another world, or for later times
-                grid.append(sweep, &self.runs(sweep, first).runs, |track| self.tracks[track].id);
+            let id = |track: usize| self.tracks[track].id;
+            match self.kept_runs(sweep, first) {
+                Some(kept) => grid.append(sweep, kept, id),
+                None => grid.append(sweep, &self.runs(sweep, first), id),
             }
         }
         grid.finish()
     }
 
+    /// The runs kept with the sweep, unless they are of other predictions, or begin too late.
+    fn kept_runs<'s>(&self, sweep: &'s Sweep, first: usize) -> Option<&'s CellRuns> {
+        let identity = self.identity.as_ref()?;
+        let new = || KeptRuns { of: Arc::clone(identity), first, runs: self.runs(sweep, first) };
+        let kept = sweep.kept_runs().get_or_init(new);
+        (Arc::ptr_eq(&kept.of, identity) && kept.first <= first).then_some(&kept.runs)
+    }
+
     /// The slices from `first` to the horizon in which each cell of the sweep is blocked.
-    fn runs(&self, sweep: &Sweep, first: usize) -> KeptRuns {
+    fn runs(&self, sweep: &Sweep, first: usize) -> CellRuns {
         let mut bits = SliceBits::new(sweep.grid_cells(), self.slices - first);
         self.mark(sweep, first..self.slices, &mut bits);
-        KeptRuns { of: Arc::clone(&self.identity), first, runs: bits.runs(first) }
+        bits.runs(first)
     }
 
     /// Marks the slices in which the sweep's cells are blocked.
@@ -186,7 +250,13 @@ fn index(x: f64) -> usize {
     x as usize
 }
 
-fn chunks_of((track, t): (usize, &Track)) -> Vec<(Chunk, Aabb)> {
+/// Chunks of all tracks, and parry's tree over their boxes.
+fn hierarchy(tracks: &[Arc<Track>]) -> (Vec<Chunk>, Bvh) {
+    let (chunks, boxes): (Vec<Chunk>, Vec<Aabb>) = tracks.iter().enumerate().flat_map(chunks_of).unzip();
+    (chunks, Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes))
+}
+
+fn chunks_of((track, t): (usize, &Arc<Track>)) -> Vec<(Chunk, Aabb)> {
     let chunk = |(c, slices): (usize, &[Slice])| {
         let aabb = slices.iter().filter_map(|s| s.aabb).reduce(|a, b| merged(&a, &b))?;
         Some((Chunk { track, slices: c * CHUNK..c * CHUNK + slices.len() }, aabb))
@@ -197,18 +267,56 @@ fn chunks_of((track, t): (usize, &Track)) -> Vec<(Chunk, Aabb)> {
 impl Track {
     /// `None` if the obstacle does not exist before the horizon.
     fn new(obstacle: &Obstacle, origin: &Origin, slice: f64, slices: usize) -> Option<Self> {
-        let found: BTreeMap<usize, Slice> = match &obstacle.motion {
-            Motion::Static(_) => return None,
-            Motion::Trajectory(states) => of_trajectory(states, &obstacle.shape.convex_parts(), origin, slice, slices),
-            Motion::Occupancy(sets) => of_sets(sets, origin, slice, slices),
-        };
-        let first = *found.keys().next()?;
-        let end = found.keys().next_back()? + 1;
-        let mut dense = vec![Slice::default(); end - first];
-        for (j, slice) in found {
-            dense[j - first] = slice;
+        match &obstacle.motion {
+            Motion::Static(_) => None,
+            Motion::Trajectory(states) => {
+                let begins = *states.first()?;
+                let parts = obstacle.shape.convex_parts();
+                let (first, slices, legs) = of_trajectory(states, &parts, origin, slice, slices)?;
+                let may_reverse = match obstacle.kind {
+                    ObstacleKind::Vehicle | ObstacleKind::Bicycle | ObstacleKind::ParkedVehicle => {
+                        Reversing::IfVehiclesDo
+                    }
+                    ObstacleKind::Pedestrian | ObstacleKind::Structure | ObstacleKind::Unknown => Reversing::Always,
+                };
+                Some(Self { id: obstacle.id, first, slices, course: Some(Course { begins, legs, may_reverse }) })
+            }
+            Motion::Occupancy(sets) => {
+                let (first, slices) = of_sets(sets, origin, slice, slices)?;
+                Some(Self { id: obstacle.id, first, slices, course: None })
+            }
         }
-        Some(Self { id: obstacle.id, first, slices: dense })
+    }
+
+    /// Without the slices that end by `until`, in slices.
+    fn after(&self, until: f64) -> Self {
+        let gone = index(until).saturating_sub(self.first).min(self.slices.len());
+        let mut left = self.clone();
+        left.slices[..gone].fill_with(Slice::default);
+        left
+    }
+
+    /// What may be covered in the slices from `now` on.
+    fn grown(&self, course: &Course, now: f64, slice: f64, bounds: &MotionBounds) -> Self {
+        let may_reverse = bounds.vehicles_reverse || course.may_reverse == Reversing::Always;
+        let mut spread = Spread::new(bounds, may_reverse);
+        let unseen = course.begins.time - now;
+        if let Some(leg) = course.legs.first().filter(|_| unseen > 0.0) {
+            // until it appears it comes as it then goes
+            let (low, _) = leg.headings;
+            let way = course.begins.speed.abs() * unseen;
+            spread.advance(unseen, &Leg { end: course.begins.time, headings: leg.headings, heading: low, way });
+        }
+        let past = index((now / slice + TIME_SLACK).floor()).saturating_sub(self.first).min(self.slices.len());
+        let grown = |(region, leg): (&Slice, &Leg)| {
+            spread.advance(leg.end - now, leg);
+            let reach = spread.reach(leg);
+            let mut grown = Slice::default();
+            region.pieces.iter().filter_map(|p| p.spread(&reach)).for_each(|p| grown.push(p));
+            grown
+        };
+        let slices = self.slices.iter().zip(&course.legs).skip(past).map(grown).collect();
+        Self { id: self.id, first: self.first + past, slices, course: None }
     }
 }
 
@@ -225,23 +333,40 @@ fn of_trajectory(
     origin: &Origin,
     slice: f64,
     slices: usize,
-) -> BTreeMap<usize, Slice> {
-    let mut found = BTreeMap::new();
-    let (Some(first), Some(last)) = (states.first(), states.last()) else { return found };
+) -> Option<(usize, Vec<Slice>, Vec<Leg>)> {
+    let (first, last) = (states.first()?, states.last()?);
     let states: Vec<(f64, Pose)> = states.iter().map(|s| (s.time, origin.local_pose(&s.pose))).collect();
-    for j in touched(first.time, last.time, slice, slices) {
+    let held = touched(first.time, last.time, slice, slices);
+    let (mut found, mut legs) = (Vec::with_capacity(held.len()), Vec::with_capacity(held.len()));
+    let mut heading = first.pose.yaw;
+    for j in held.clone() {
         let (from, to) = ((j as f64 * slice).max(first.time), ((j + 1) as f64 * slice).min(last.time));
         let poses = poses_between(&states, from, to);
+        let leg = leg_along(&poses, heading, to);
+        heading = leg.heading;
+        legs.push(leg);
         let turn = poses.windows(2).map(|w| wrap_angle(w[1].yaw - w[0].yaw).abs()).fold(0.0, f64::max);
-        let region: &mut Slice = found.entry(j).or_default();
+        let mut region = Slice::default();
         for part in parts {
             let slack = 0.125 * turn * turn * part.bounding_radius();
             if let Some(piece) = Convex::moved_through(part, &poses, slack) {
                 region.push(piece);
             }
         }
+        found.push(region);
     }
-    found
+    (!found.is_empty()).then_some((held.start, found, legs))
+}
+
+/// The motion through some poses, from a heading that is not wrapped to a time.
+fn leg_along(poses: &[Pose], mut heading: f64, end: f64) -> Leg {
+    let (mut headings, mut way) = ((heading, heading), 0.0);
+    for pair in poses.windows(2) {
+        heading += wrap_angle(pair[1].yaw - pair[0].yaw);
+        headings = (headings.0.min(heading), headings.1.max(heading));
+        way += (pair[1].position - pair[0].position).norm();
+    }
+    Leg { end, headings, heading, way }
 }
 
 /// The poses at both times and the states in between. Poses between states are interpolated as
@@ -259,17 +384,23 @@ fn poses_between(states: &[(f64, Pose)], from: f64, to: f64) -> Vec<Pose> {
     at(from).into_iter().chain(between).chain(at(to)).collect()
 }
 
-fn of_sets(sets: &[TimedOccupancy], origin: &Origin, slice: f64, slices: usize) -> BTreeMap<usize, Slice> {
-    let mut found = BTreeMap::new();
+/// The first slice with a region, and all up to the last.
+fn of_sets(sets: &[TimedOccupancy], origin: &Origin, slice: f64, slices: usize) -> Option<(usize, Vec<Slice>)> {
+    let mut found: BTreeMap<usize, Slice> = BTreeMap::new();
     for (i, set) in sets.iter().enumerate() {
         let until = sets.get(i + 1).map_or(set.to, |next| next.from.max(set.to));
         let pieces: Vec<Convex> = set.region.convex_parts().iter().filter_map(|p| Convex::of_part(p, origin)).collect();
         for j in touched(set.from, until, slice, slices) {
-            let region: &mut Slice = found.entry(j).or_default();
+            let region = found.entry(j).or_default();
             pieces.iter().for_each(|p| region.push(p.clone()));
         }
     }
-    found
+    let first = *found.keys().next()?;
+    let mut dense = vec![Slice::default(); found.keys().next_back()? + 1 - first];
+    for (j, slice) in found {
+        dense[j - first] = slice;
+    }
+    Some((first, dense))
 }
 
 /// The slices that share more than an instant with the interval; for an instant, those that hold it.
@@ -282,3 +413,6 @@ fn touched(from: f64, to: f64, slice: f64, slices: usize) -> Range<usize> {
     let end = index(((to - slack) / slice).ceil()).min(slices);
     first..end.max(first)
 }
+
+#[cfg(test)]
+mod tests;

@@ -106,7 +106,7 @@ impl Part {
 
 /// The corners of the unit square that are outermost in the directions from normal `a` counter-clockwise to normal `b`, less
 /// than half a turn on.
-fn signs_between(a: Local, b: Local) -> impl Iterator<Item = Local> {
+pub(super) fn signs_between(a: Local, b: Local) -> impl Iterator<Item = Local> {
     const CORNERS: [Local; 4] =
         [Local::new(1.0, 1.0), Local::new(-1.0, 1.0), Local::new(-1.0, -1.0), Local::new(1.0, -1.0)];
     // just after a, and just before b: mirrored, where an axis begins a quadrant it ends one

@@ -110,7 +110,7 @@ pub fn drive<'a>(
         world = world.with_occupancy(grid);
     }
     let stops_at_goal = stops_at_goal(problem);
-    let mut judged = 0;
+    let mut judged: usize = 0;
     loop {
         let state = world.state();
         progress(state.time, ends);
@@ -122,14 +122,11 @@ pub fn drive<'a>(
             run.outcome = Outcome::Collision;
             break;
         }
-        let reached = run.log.samples[judged..].iter().position(|s| {
-            let centre = vehicle.centre_of_rear_axle(&s.pose);
-            watch.is_time_step(s.time)
-                && watch.is_goal(&centre, s.speed, s.time)
-                && (!stops_at_goal || s.speed.abs() < AT_REST || s.time > ends - AT_REST)
-        });
-        if let Some(sample) = reached {
-            run.log.samples.truncate(judged + sample + 1);
+        // the last sample judged begins the part that ends with the first new one
+        let from = judged.saturating_sub(1);
+        let stands = |speed: f64, time: f64| !stops_at_goal || speed.abs() < AT_REST || time > ends - AT_REST;
+        if let Some(sample) = watch.reached_in(vehicle, &run.log.samples[from..], stands) {
+            run.log.samples.truncate(from + sample + 1);
             run.outcome = Outcome::GoalReached;
             break;
         }

@@ -63,6 +63,7 @@ impl Settings {
     /// The first setting out of its range.
     pub fn validate(&self) -> Result<(), SettingsError> {
         self.signs()?;
+        self.sane()?;
         self.order()?;
         self.bounded_work()?;
         self.shares()?;
@@ -112,6 +113,10 @@ impl Settings {
                 return wrong(field, value, "positive and finite");
             }
         }
+        // infinite is a bound here: none
+        if p.uncertainty.most_across.is_nan() || p.uncertainty.most_across < 0.0 {
+            return wrong("planner.uncertainty.most_across", p.uncertainty.most_across, "zero or more");
+        }
         let corridor = p.refinement.corridor;
         if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
             return wrong("planner.refinement.corridor", corridor, "positive, and at most 1 m");
@@ -120,6 +125,8 @@ impl Settings {
             ("planner.refinement.least_gain", p.refinement.least_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
+            ("planner.uncertainty.along", p.uncertainty.along),
+            ("planner.uncertainty.across", p.uncertainty.across),
             ("planner.lattice.offset_limit", l.offset_limit),
         ];
         for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
@@ -128,6 +135,27 @@ impl Settings {
             }
         }
         Ok(())
+    }
+
+    /// What would mean nothing beyond a bound: a typing error, most likely.
+    fn sane(&self) -> Result<(), SettingsError> {
+        let (p, l) = (&self.planner, &self.planner.lattice);
+        let mut bounded = vec![
+            ("run.longest".to_owned(), self.run.longest, 86_400.0, "s"),
+            ("run.rest".to_owned(), self.run.rest, 3_600.0, "s"),
+            ("planner.standoff".to_owned(), p.standoff, 100.0, "m"),
+            ("planner.time_gap".to_owned(), p.time_gap, 60.0, "s"),
+            ("planner.lattice.edge_time".to_owned(), l.edge_time, 60.0, "s"),
+            ("planner.lattice.steepest".to_owned(), l.steepest, 10.0, ""),
+        ];
+        for (i, e) in p.emergency.iter().enumerate() {
+            bounded.push((format!("planner.emergency[{i}].acceleration"), e.acceleration, 20.0, "m/s²"));
+            bounded.push((format!("planner.emergency[{i}].deceleration"), e.deceleration, 20.0, "m/s²"));
+        }
+        match bounded.into_iter().find(|(_, value, most, _)| value > most) {
+            Some((field, value, most, unit)) => wrong(field, value, format!("at most {most} {unit}").trim_end()),
+            None => Ok(()),
+        }
     }
 
     /// What has to be no less than another setting.
@@ -183,6 +211,12 @@ impl Settings {
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
             return wrong(field, value, "at most 1");
         }
+        let u = &self.planner.uncertainty;
+        for (field, value) in [("planner.uncertainty.along", u.along), ("planner.uncertainty.across", u.across)] {
+            if value > HARDEST_TRAFFIC {
+                return wrong(field, value, "at most 20 m/s²");
+            }
+        }
         // costs are compared in millionths: larger weights would make all of them equal
         match self.planner.lattice.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
             Some((field, value)) => wrong(field, value, "at most 1e6"),
@@ -217,6 +251,8 @@ impl Settings {
     }
 }
 
+/// Accelerations of traffic that are more than any tyre gives, m/s².
+const HARDEST_TRAFFIC: f64 = 20.0;
 /// Largest weight of a cost term.
 const LARGEST_WEIGHT: f64 = 1e6;
 
@@ -279,8 +315,13 @@ mod tests {
     }
 
     #[test]
-    fn absurdly_small_values_are_refused_with_the_range() {
+    fn absurd_values_are_refused_with_the_range() {
         for (text, range) in [
+            ("[planner]\nstandoff = 200.0", "planner.standoff` is 200, it must be at most 100 m"),
+            ("[planner]\ntime_gap = 61.0", "at most 60 s"),
+            ("[run]\nrest = 1e300", "at most 3600 s"),
+            ("[planner.lattice]\nsteepest = 11.0", "at most 10"),
+            ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
             ("[planner]\njerk = 1e-9", "0.1 to 1000 m/s³"),
             ("[planner.lattice]\ngrid = 1e-6", "0.5 to 100 m"),
             ("[planner.lattice]\nroot_layers = 0", "1 to 20"),
@@ -288,6 +329,26 @@ mod tests {
         ] {
             assert!(complaint(text).contains(range), "{}", complaint(text));
         }
+    }
+
+    #[test]
+    fn the_bounds_of_motions_are_checked_and_may_leave_the_lane_unbounded() {
+        let read = |text: &str| {
+            let settings: Settings = toml::from_str(&format!("[planner.uncertainty]\n{text}")).unwrap();
+            settings.validate().map_err(|e| e.field)
+        };
+        for ok in ["mode = \"required\"", "most_across = inf", "most_across = 0.0", "along = 20.0", "across = 0.0"] {
+            assert_eq!(read(ok), Ok(()), "{ok}");
+        }
+        for key in ["along", "across", "most_across"] {
+            for wrong in ["-0.1", "nan"] {
+                assert!(read(&format!("{key} = {wrong}")).unwrap_err().ends_with(key));
+            }
+        }
+        assert!(read("along = 20.1").is_err() && read("across = inf").is_err());
+        assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"yielding\"").is_ok());
+        assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"polite\"").is_err());
+        assert!(toml::from_str::<Settings>("[planner.uncertainty]\nmode = \"always\"").is_err());
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //!
 //! Inputs are read up to a limit: what never ends (a device, a pipe) is told, not read until the memory is full.
 //!
-//! Outputs are written under a temporary name in the same folder, then renamed. A reader of the file never sees half of it, and a program that is stopped leaves the old file as it was. What is not
-//! a regular file (a terminal, a pipe, the null device) is written to directly.
+//! Outputs are written under a temporary name in the same folder, then renamed. A reader of the file never sees half of
+//! it, and a program that is stopped leaves the old file as it was. What is not a regular file (a terminal, a pipe, the
+//! null device) is written to directly.
 
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -76,6 +77,8 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
 pub fn check_writable(path: &Path) -> Result<(), WriteError> {
     let check = || match Target::of(path)? {
         Target::Regular(file) => temporary_beside(&file).map(drop),
+        // opening a pipe and closing it again would be the end of the text to its reader
+        Target::Special if is_pipe(path) => Ok(()),
         Target::Special => std::fs::OpenOptions::new().write(true).open(path).map(drop),
     };
     check().map_err(|source| WriteError::new(path, source))
@@ -91,6 +94,17 @@ fn try_write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         }
         Target::Special => std::fs::OpenOptions::new().write(true).open(path)?.write_all(bytes),
     }
+}
+
+#[cfg(unix)]
+fn is_pipe(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt as _;
+    std::fs::metadata(path).is_ok_and(|about| about.file_type().is_fifo())
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &Path) -> bool {
+    false
 }
 
 enum Target {
@@ -195,6 +209,21 @@ mod tests {
             assert_eq!(check.source.kind(), write.source.kind(), "{}", path.display());
         }
         assert_eq!(std::fs::read(&protected).unwrap(), b"old");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn the_check_of_a_pipe_is_not_the_end_of_it_to_its_reader() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = {
+            let pipe = pipe.clone();
+            std::thread::spawn(move || std::fs::read(pipe).unwrap())
+        };
+        check_writable(&pipe).unwrap();
+        write_atomic(&pipe, b"all of it").unwrap();
+        assert_eq!(reader.join().unwrap(), b"all of it");
     }
 
     #[cfg(unix)]

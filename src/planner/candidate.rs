@@ -3,12 +3,13 @@
 use super::goal::GoalOnLane;
 use super::record::Rejection;
 use super::settings::Settings;
-use crate::collision::{Blocker, CollisionWorld};
+use crate::collision::{Blocker, Predictions};
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
 use crate::speed::{
-    AccelerationLimits, Resolution, SpeedOutcome, SpeedPlan, SpeedProblem, TimeInterval, plan, smoothing,
+    AccelerationLimits, Nothing, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
+    search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
 use crate::vehicle::Vehicle;
@@ -17,7 +18,8 @@ use crate::vehicle::Vehicle;
 pub(super) struct Situation<'a> {
     pub(super) vehicle: &'a Vehicle,
     pub(super) settings: &'a Settings,
-    pub(super) world: &'a CollisionWorld,
+    /// What counts of the moving obstacles.
+    pub(super) traffic: &'a Predictions,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
     pub(super) goal_missed_at: Option<f64>,
@@ -58,9 +60,16 @@ pub(super) struct Proven {
     pub(super) searched: SpeedProfile,
     /// Station that the whole searched plan has reached after [`DELAY_HORIZON`], m.
     pub(super) progress: f64,
-    pub(super) plan: SpeedPlan,
+    pub(super) expansions: usize,
     /// Cells blocked on the path, for pictures.
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
+}
+
+impl Proven {
+    /// Proves the searched profile again, by other code than the search: what is committed has to pass.
+    pub(super) fn proved_again(&self) -> Result<(), Refutation> {
+        prove(&self.problem, &self.searched)
+    }
 }
 
 /// The speed layer's answer for one path.
@@ -81,13 +90,22 @@ impl Situation<'_> {
         let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
-        match plan(&problem, &resolution) {
-            SpeedOutcome::NoSafePlan { expansions, budget_spent } => {
-                let why = if budget_spent { Rejection::NoProofInBudget } else { Rejection::NoProof };
+        let Ok(outcome) = search(&problem, Strategy::SafeTlp, &resolution) else {
+            return Evaluation::Rejected { why: Rejection::NoRoom, expansions: 0 };
+        };
+        let expansions = outcome.statistics().expansions;
+        match outcome {
+            // a plan without a proof is none
+            SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions },
+            SpeedOutcome::Nothing { why, .. } => {
+                let is_spent = matches!(why, Nothing::Spent(_));
+                let why = if is_spent { Rejection::NoProofInBudget } else { Rejection::NoProof };
                 Evaluation::Rejected { why, expansions }
             }
-            SpeedOutcome::Proven(mut plan) => {
-                let expansions = plan.expansions;
+            SpeedOutcome::Proven { mut plan, .. } => {
+                if let Some(brisk) = tail::without_creeping(&problem, &plan) {
+                    plan = brisk;
+                }
                 let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let caps = self.hard_caps(path, &problem.stations);
@@ -95,9 +113,17 @@ impl Situation<'_> {
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::unsmoothed(&problem, &plan).zip(progress) {
-                    Some((searched, progress)) => {
-                        Evaluation::Proven(Box::new(Proven { problem, guide_caps, searched, progress, plan, blocked }))
-                    }
+                    Some((searched, progress)) => Evaluation::Proven(Box::new(Proven {
+                        #[cfg(test)]
+                        searched: fault::applied(searched),
+                        #[cfg(not(test))]
+                        searched,
+                        problem,
+                        guide_caps,
+                        progress,
+                        expansions,
+                        blocked,
+                    })),
                     None => Evaluation::Rejected { why: Rejection::NoProfile, expansions },
                 }
             }
@@ -169,7 +195,7 @@ impl Situation<'_> {
     fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
         let (end, planned_stop) = self.end_of_way(path);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.world.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
+        let grid = self.traffic.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - SHORTEST_CELL).collect();
         if stations.is_empty() {
             // no room at all: only a vehicle at rest has a plan here
@@ -299,6 +325,27 @@ fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> 
         }
     }
     merged
+}
+
+/// A fault of the search, for tests of what guards against one.
+#[cfg(test)]
+pub(super) mod fault {
+    use std::cell::Cell;
+
+    use crate::trajectory::{SpeedKnot, SpeedProfile};
+
+    thread_local! {
+        /// Whether searched profiles of this thread end moving.
+        pub(in crate::planner) static ENDS_MOVING: Cell<bool> = const { Cell::new(false) };
+    }
+
+    pub(super) fn applied(searched: SpeedProfile) -> SpeedProfile {
+        if !ENDS_MOVING.get() {
+            return searched;
+        }
+        let moving = |k: &SpeedKnot| SpeedKnot { speed: k.speed.max(0.5), ..*k };
+        SpeedProfile::new(searched.knots().iter().map(moving).collect()).unwrap_or(searched)
+    }
 }
 
 #[cfg(test)]

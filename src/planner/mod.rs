@@ -8,31 +8,36 @@
 //! When the plan in force is left for another is one rule, in `hysteresis`.
 //!
 //! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
-//! margins, then with harder braking. Each plan says which it needed.
+//! margins, then with harder braking. Each plan says which it needed. Where the settings ask for it, proofs against all
+//! motions around the predicted ones are tried before (`traffic`).
 
 mod candidate;
+mod choice;
 mod goal;
 mod hysteresis;
 mod lanes;
 mod record;
 mod refinement;
 mod settings;
+mod traffic;
 
 pub use goal::GoalOnLane;
-pub use record::{Candidate, Cycle, Decision, Rejection, StageSeconds};
-pub use settings::{EmergencyLimits, Settings};
+pub use record::{Candidate, Cycle, Decision, Rejection, Smoothing, StageSeconds};
+pub use settings::{EmergencyLimits, RearTraffic, Settings, Uncertainty, UncertaintyMode};
 
 use std::time::Instant;
 
-use self::candidate::{DELAY_HORIZON, Evaluation, Proven, Situation, delay, planned_lateral};
+use self::candidate::{DELAY_HORIZON, Proven, Situation, planned_lateral};
+use self::choice::Choice;
 use self::hysteresis::InForce;
 use self::lanes::Lane;
+use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
-use crate::speed::smoothing;
+use crate::speed::smoothing::{self, Smoothed};
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
 
@@ -47,6 +52,7 @@ pub struct Planner<'a> {
     /// With margins, without margins, without margins and finely resolved.
     worlds: [CollisionWorld; 3],
     lanes: Result<Vec<Lane>, NoLane>,
+    traffic: Traffic,
     committed: Option<Committed>,
     cruise: f64,
     horizon: f64,
@@ -61,10 +67,11 @@ struct Committed {
     deceleration: f64,
     /// False for the emergency stop that stands in where nothing was ever proven.
     is_proven: bool,
-    is_smooth: bool,
+    smoothing: Smoothing,
     is_refined: bool,
     /// Its cost without those of falling behind and of leaving the plan before it.
     way_cost: f64,
+    against_set: bool,
 }
 
 /// What proofs may use in one attempt.
@@ -88,6 +95,8 @@ struct Rung {
     junctions_kept_free: bool,
     /// Lateral acceleration that no path may ask for, m/s².
     lateral_limit: f64,
+    /// Whether proofs must hold for all motions of the traffic within the bounds, not for the predicted ones alone.
+    against_set: bool,
 }
 
 /// Where a cycle plans from.
@@ -95,17 +104,6 @@ struct Start {
     point: TrajectoryPoint,
     /// Whether it lies on the committed trajectory.
     on_plan: bool,
-}
-
-/// A path with its speed, ready to be committed.
-struct Choice {
-    lane: usize,
-    candidate: usize,
-    path: LatticePath,
-    proven: Box<Proven>,
-    deceleration: f64,
-    cost: f64,
-    is_refined: bool,
 }
 
 /// Why planning can't even begin.
@@ -144,7 +142,20 @@ impl<'a> Planner<'a> {
         ];
         let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
-        Ok(Self { scenario, problem, vehicle, settings, worlds, lanes, committed: None, cruise, horizon, end_time })
+        let traffic = Traffic::default();
+        Ok(Self {
+            scenario,
+            problem,
+            vehicle,
+            settings,
+            worlds,
+            lanes,
+            traffic,
+            committed: None,
+            cruise,
+            horizon,
+            end_time,
+        })
     }
 
     /// Why there is no lane to drive on, if there is none.
@@ -164,6 +175,7 @@ impl<'a> Planner<'a> {
         let begun = Instant::now();
         let start = self.start(state);
         self.follow_route(&start);
+        self.look_at_traffic(&start);
         let mut record = CycleRecord::default();
         let rungs = self.rungs();
         let choice = rungs.iter().enumerate().find_map(|(attempt, rung)| {
@@ -177,22 +189,19 @@ impl<'a> Planner<'a> {
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
                 let smoothing_begun = Instant::now();
-                let smooth = self.smoothed(&start, &choice);
-                record.is_smooth = smooth.is_some();
-                let profile = smooth.unwrap_or_else(|| choice.proven.searched.clone());
+                let (profile, smoothing) = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let way_cost = choice.path.terms.total() - choice.path.terms.switching;
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
-                let CycleRecord { is_smooth, is_refined, .. } = record;
-                let deceleration = choice.deceleration;
-                let is_proven = true;
-                let committed = Committed { trajectory, deceleration, is_proven, is_smooth, is_refined, way_cost };
+                let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
+                let (is_proven, against_set) = (true, rung.against_set);
+                let committed =
+                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, against_set };
                 self.committed = Some(committed);
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
-                record.is_smooth = self.committed.as_ref().is_some_and(|c| c.is_smooth);
                 record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
                 let is_proven = self.committed.as_ref().is_some_and(|c| c.is_proven);
                 (if is_proven { Decision::KeepLast } else { Decision::Unproven }, Vec::new())
@@ -214,8 +223,9 @@ impl<'a> Planner<'a> {
             chosen: record.chosen,
             edges: record.edges,
             expansions: record.expansions,
-            is_smooth: record.is_smooth,
+            smoothing: committed.smoothing,
             is_refined: record.is_refined,
+            is_proven_against_set: committed.against_set,
             stage_seconds: record.seconds,
         }
     }
@@ -254,6 +264,7 @@ impl<'a> Planner<'a> {
             time_gap: self.settings.time_gap,
             junctions_kept_free: true,
             lateral_limit,
+            against_set: false,
         };
         let mut rungs = vec![
             first,
@@ -275,6 +286,7 @@ impl<'a> Planner<'a> {
             time_gap: 0.0,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
+            against_set: false,
         }));
         // bumper to bumper, cells of half a metre and slices of a tenth of a second are too coarse
         if let (None, Some(hardest)) = (&self.committed, rungs.last().copied()) {
@@ -283,7 +295,7 @@ impl<'a> Planner<'a> {
         if let Some(committed) = &self.committed {
             rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
         }
-        rungs
+        self.with_sets(rungs)
     }
 
     /// Where to plan from: the committed trajectory now, or the measured state if that is too far from it.
@@ -375,61 +387,11 @@ impl<'a> Planner<'a> {
         kept.into_iter().chain([fresh]).collect()
     }
 
-    fn evaluate_all(
-        &self,
-        start: &Start,
-        lane: usize,
-        rung: Rung,
-        found: Vec<LatticePath>,
-        best: &mut Option<Choice>,
-        record: &mut CycleRecord,
-    ) {
-        let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
-        let situation = self.situation(start, on, rung);
-        let free = situation.free_progress();
-        for path in found {
-            let mut note = Candidate {
-                path: path.path.clone(),
-                lane,
-                attempt: record.attempt,
-                cost: path.terms.total(),
-                terms: path.terms,
-                rejected: None,
-            };
-            if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(note.cost)) {
-                note.rejected = Some(Rejection::Dearer);
-            } else {
-                match situation.evaluate(&path) {
-                    Evaluation::Rejected { why, expansions } => {
-                        record.expansions += expansions;
-                        note.rejected = Some(why);
-                    }
-                    Evaluation::Proven(proven) => {
-                        record.expansions += proven.plan.expansions;
-                        note.terms.delay = delay(self.settings, free - proven.progress, &note.terms);
-                        note.cost = note.terms.total();
-                        if best.as_ref().is_none_or(|b| rank(note.cost) < rank(b.cost)) {
-                            let candidate = record.candidates.len();
-                            let (deceleration, cost) = (rung.deceleration, note.cost);
-                            let found = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
-                            if let Some(passed) = best.replace(found) {
-                                record.reject(passed.candidate, Rejection::Dearer);
-                            }
-                        } else {
-                            note.rejected = Some(Rejection::Dearer);
-                        }
-                    }
-                }
-            }
-            record.candidates.push(note);
-        }
-    }
-
     fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, rung: Rung) -> Situation<'s> {
         Situation {
             vehicle: self.vehicle,
             settings: self.settings,
-            world: &self.worlds[rung.world],
+            traffic: self.counted(&rung),
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -449,11 +411,15 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The choice's profile made jerk-limited, if it can be proved again.
-    fn smoothed(&self, start: &Start, choice: &Choice) -> Option<SpeedProfile> {
+    /// The choice's profile made jerk-limited, if it can be proved again; else as it was searched.
+    fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
         let Proven { problem, guide_caps, searched, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings)
+        match smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings) {
+            Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
+            Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
+            Err(why) => (searched.clone(), Smoothing::Unsmoothed(why)),
+        }
     }
 
     /// Whether the plan in force is to be left for the best one found.
@@ -470,10 +436,13 @@ impl<'a> Planner<'a> {
         worth
     }
 
-    /// What going on along the plan in force costs, where it is proven by no harder braking than the choice: its way's
+    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less
+    /// than the choice: its way's
     /// cost as it was when it was chosen, the way that it has come to miss since, and how far it falls behind from here.
     fn staying(&self, start: &Start, rung: Rung, choice: &Choice, plan: &InForce<'_>) -> Option<f64> {
-        let committed = self.committed.as_ref().filter(|c| c.is_proven && c.deceleration <= choice.deceleration)?;
+        let is_as_safe =
+            |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.against_set >= rung.against_set;
+        let committed = self.committed.as_ref().filter(is_as_safe)?;
         let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
         let weights = &self.settings.lattice.weights;
         let behind =
@@ -505,10 +474,11 @@ impl<'a> Planner<'a> {
         let path = Path::new(p.pose, &[spiral]).or_else(|| Path::new(p.pose, &[straight]));
         let trajectory =
             path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
+        let smoothing = Smoothing::EmergencyStop;
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
-                let way_cost = 0.0;
-                Committed { trajectory, deceleration, is_proven: false, is_smooth: false, is_refined: false, way_cost }
+                let (is_proven, is_refined, against_set, way_cost) = (false, false, false, 0.0);
+                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, against_set }
             }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
@@ -596,7 +566,6 @@ struct CycleRecord {
     edges: EdgeCounts,
     expansions: usize,
     reference: Vec<crate::geometry::Point>,
-    is_smooth: bool,
     is_refined: bool,
     seconds: StageSeconds,
 }

@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::geometry::Point;
 use crate::lattice::{CostTerms, EdgeCounts};
+use crate::speed::smoothing;
 use crate::trajectory::{Path, Trajectory};
 
 /// What one planning cycle saw and chose. Everything that pictures, recordings and reports need.
@@ -28,10 +29,13 @@ pub struct Cycle {
     pub edges: EdgeCounts,
     /// Search expansions of the speed layer, over all candidates.
     pub expansions: usize,
-    /// Whether the committed profile is jerk-limited; if not, the searched one stands because no smooth one was proved.
-    pub is_smooth: bool,
+    /// How smooth the committed profile is, and if not, why.
+    pub smoothing: Smoothing,
     /// Whether the committed path is a refined one; if not, the lattice's own stands.
     pub is_refined: bool,
+    /// Whether the committed plan's stop is proven for all motions of the traffic within the bounds that the settings give, as
+    /// seen when the plan was made; if not, for the predicted motions alone. Never where the settings ask for no such proof.
+    pub is_proven_against_set: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
     pub stage_seconds: StageSeconds,
 }
@@ -80,6 +84,9 @@ pub enum Rejection {
     NoProofInBudget,
     /// `no_profile`: the speeds found do not make a profile; a fault of the search, told and survived.
     NoProfile,
+    /// `refuted`: its searched profile failed when it was proved again by other code; a fault of the search, told and
+    /// survived.
+    Refuted,
     /// `dearer`: another candidate with a proven stop costs less. Where its cost was above that one's before, its speed
     /// was not searched.
     Dearer,
@@ -89,12 +96,13 @@ pub enum Rejection {
 
 impl Rejection {
     /// Every reason, in the order in which they are checked.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::TooSharp,
         Self::NoRoom,
         Self::NoProof,
         Self::NoProofInBudget,
         Self::NoProfile,
+        Self::Refuted,
         Self::Dearer,
         Self::InForce,
     ];
@@ -108,6 +116,7 @@ impl Rejection {
             Self::NoProof => "no_proof",
             Self::NoProofInBudget => "no_proof_in_budget",
             Self::NoProfile => "no_profile",
+            Self::Refuted => "refuted",
             Self::Dearer => "dearer",
             Self::InForce => "in_force",
         }
@@ -146,6 +155,35 @@ impl Decision {
     }
 }
 
+/// What became of the smoothing of a committed profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Smoothing {
+    /// Within the comfortable jerk, and proved again.
+    Comfortable,
+    /// No profile within the comfortable jerk could be proved; this one is within the firm jerk, and was proved again.
+    Firm,
+    /// The searched profile stands, proved again: its acceleration jumps. Says why no smooth one does.
+    Unsmoothed(smoothing::Failure),
+    /// Nothing was ever proven: braking as hard as the tyres allow.
+    EmergencyStop,
+}
+
+impl Smoothing {
+    /// The stable codes used in reports.
+    pub const CODES: [&'static str; 4] = ["comfortable", "firm", "unsmoothed", "emergency_stop"];
+
+    /// The stable code used in reports.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Comfortable => "comfortable",
+            Self::Firm => "firm",
+            Self::Unsmoothed(_) => "unsmoothed",
+            Self::EmergencyStop => "emergency_stop",
+        }
+    }
+}
+
 /// Wall-clock times of the stages of one cycle, s.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StageSeconds {
@@ -177,6 +215,6 @@ mod tests {
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
-        assert_eq!(Rejection::ALL[6], Rejection::InForce, "the last one is in the list");
+        assert_eq!(Rejection::ALL[7], Rejection::InForce, "the last one is in the list");
     }
 }

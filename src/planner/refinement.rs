@@ -10,7 +10,8 @@
 use std::time::Instant;
 
 use super::candidate::{Evaluation, Proven, delay};
-use super::{Choice, CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
+use super::choice::Choice;
+use super::{CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
 
@@ -65,11 +66,12 @@ impl Planner<'_> {
                 None
             }
             Evaluation::Proven(proven) => {
-                record.expansions += proven.plan.expansions;
+                record.expansions += proven.expansions;
                 let delay = delay(self.settings, situation.free_progress() - proven.progress, &path.terms);
                 let cost = path.terms.total() + delay;
                 let is_slower = proven.progress + ON_TIME < choice.proven.progress;
-                (!is_slower && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
+                let stands = || proven.proved_again().is_ok();
+                (!is_slower && stands() && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
             }
         }
     }

@@ -1,6 +1,6 @@
 //! What a user may set about planning.
 
-use crate::collision::CollisionSettings;
+use crate::collision::{CollisionSettings, MotionBounds};
 use crate::lattice;
 
 /// Settings of the planner. Defaults are those of the README.
@@ -35,12 +35,78 @@ pub struct Settings {
     pub jerk: f64,
     /// Time by which moving obstacles are given way before and after, where that is possible, s.
     pub time_gap: f64,
+    /// What traffic from behind means for proofs.
+    pub rear_traffic: RearTraffic,
+    /// Whether proofs are to hold for more than the predicted motions.
+    pub uncertainty: Uncertainty,
     /// The lattice.
     pub lattice: lattice::Settings,
     /// What is done with the path chosen from it.
     pub refinement: lattice::refine::RefinementSettings,
     /// The collision checks.
     pub collision: CollisionSettings,
+}
+
+/// What traffic that comes from behind, in our lane and heading our way, means for proofs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RearTraffic {
+    /// It binds as all other does: a rest that its prediction drives through is not safe.
+    #[default]
+    Binding,
+    /// It brakes for us, and blocks nothing until it leaves our way. The verdict does not know of it: a contact from behind
+    /// is a contact.
+    Yielding,
+}
+
+/// Proofs against all motions of the traffic within bounds around the predicted ones.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Uncertainty {
+    /// Whether such proofs are sought.
+    pub mode: UncertaintyMode,
+    /// Acceleration along an obstacle's predicted heading beyond the predicted one, either way, m/s².
+    pub along: f64,
+    /// Acceleration across it, m/s².
+    pub across: f64,
+    /// Largest deviation across it, m; infinite (`inf`) if only the accelerations bound it.
+    pub most_across: f64,
+    /// Whether vehicles and bicycles may move backwards.
+    pub vehicles_reverse: bool,
+}
+
+/// Whether proofs against sets of motions are sought.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum UncertaintyMode {
+    /// No: the predicted motions count.
+    #[default]
+    Off,
+    /// First; where there is none, the predicted motions count.
+    Preferred,
+    /// No other counts.
+    Required,
+}
+
+impl Default for Uncertainty {
+    fn default() -> Self {
+        Self {
+            mode: UncertaintyMode::Off,
+            along: 1.0,
+            across: 0.2,
+            most_across: f64::INFINITY,
+            vehicles_reverse: false,
+        }
+    }
+}
+
+impl Uncertainty {
+    /// The bounds of the motions.
+    #[must_use]
+    pub fn bounds(&self) -> MotionBounds {
+        let Self { along, across, most_across, vehicles_reverse, .. } = *self;
+        MotionBounds { along, across, most_across, vehicles_reverse }
+    }
 }
 
 /// Accelerations of a plan in an emergency.
@@ -74,6 +140,8 @@ impl Default for Settings {
             expansions: 5_000,
             jerk: 1.8,
             time_gap: 0.8,
+            rear_traffic: RearTraffic::default(),
+            uncertainty: Uncertainty::default(),
             lattice: lattice::Settings::default(),
             refinement: lattice::refine::RefinementSettings::default(),
             collision: CollisionSettings::default(),

@@ -15,9 +15,11 @@ pub(crate) mod example;
 pub mod geometry;
 pub(crate) mod motion;
 pub(crate) mod outline;
+pub mod safetlp;
 mod scene;
 pub(crate) mod style;
 mod svg;
+mod violin;
 
 use axes::{Area, Curve, LimitLine, Panel};
 use motion::{Motion, MotionSample, speed_limit_at};
@@ -214,7 +216,11 @@ fn legend(svg: &mut Svg, corner: Page, scene: &Scene) {
             Mark::Line(style::CANDIDATE, "", 1.0),
             "candidates".into(),
         ),
-        (obstacles.iter().any(|o| o.is_static()), Mark::Box(style::STATIC, "1"), "static".into()),
+        (
+            run.scenario.occupancy.is_some() || obstacles.iter().any(|o| o.is_static()),
+            Mark::Box(style::STATIC, "1"),
+            "static".into(),
+        ),
         (moving(style::MOVING), Mark::Box(style::MOVING, "0.25"), "moving, each second".into()),
         (moving(style::VULNERABLE), Mark::Box(style::VULNERABLE, "0.25"), "on foot or bicycle".into()),
         (run.problem.goals.iter().any(|g| g.position.is_some()), Mark::Box(style::GOAL, "0.16"), "goal".into()),

@@ -85,6 +85,9 @@ fn describe(cycle: &Cycle, decision: &str) -> String {
         let plan = &cycle.committed;
         let ahead = plan.profile.last().station - plan.at(cycle.time).station;
         let _ = write!(text, ": stops in {ahead:.1} m, at {:.1} s, with {deceleration:.1} m/s²", plan.end_time());
+        if cycle.is_proven_against_set {
+            text += ", whatever the traffic does within its bounds";
+        }
     }
     let rejected = rejections(cycle);
     let total = cycle.candidates.len();

@@ -32,12 +32,19 @@ impl Settings {
     pub fn validate(&self) -> Result<(), SimulationError> {
         /// The wheels' spin on their tyres is integrated explicitly: longer steps would make it unstable.
         const LONGEST_STEP: f64 = 0.002;
+        /// The verdict sees the log alone: what happens between two samples is judged by nobody, Hz.
+        const LEAST_LOG_RATE: f64 = 50.0;
+        /// Slower than the planner plans, the controller would not follow what was planned, Hz.
+        const LEAST_CONTROL_RATE: f64 = 10.0;
         let check = |name, value: f64, ok: bool, expected| {
             if ok { Ok(()) } else { Err(SimulationError::Setting { name, value, expected }) }
         };
         check("step", self.step, self.step >= 1e-5 && self.step <= LONGEST_STEP, "from 0.00001 to 0.002 s")?;
-        for (name, rate) in [("log_rate_hz", self.log_rate_hz), ("control_rate_hz", self.control_rate_hz)] {
-            check(name, rate, rate > 0.0 && rate * self.step <= 1.0, "positive, at most one a step")?;
+        for (name, rate, least, expected) in [
+            ("log_rate_hz", self.log_rate_hz, LEAST_LOG_RATE, "from 50 Hz to one a step"),
+            ("control_rate_hz", self.control_rate_hz, LEAST_CONTROL_RATE, "from 10 Hz to one a step"),
+        ] {
+            check(name, rate, rate >= least && rate * self.step <= 1.0, expected)?;
         }
         let scale = self.friction_scale;
         check("friction_scale", scale, scale > 0.0 && scale <= 10.0, "above 0, at most 10")
@@ -54,7 +61,7 @@ impl Settings {
     }
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from 1 to 1e5 a second, or slower
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from ten a second to 1e5
 fn steps_between(rate: f64, step: f64) -> u64 {
     (1.0 / (rate * step)).round().clamp(1.0, 1e9) as u64
 }
@@ -71,6 +78,8 @@ mod tests {
             ("step", Settings { step: f64::NAN, ..Settings::default() }),
             ("step", Settings { step: 0.01, ..Settings::default() }),
             ("log_rate_hz", Settings { log_rate_hz: 0.0, ..Settings::default() }),
+            ("log_rate_hz", Settings { log_rate_hz: 49.0, ..Settings::default() }),
+            ("control_rate_hz", Settings { control_rate_hz: 9.0, ..Settings::default() }),
             ("log_rate_hz", Settings { log_rate_hz: f64::INFINITY, ..Settings::default() }),
             ("control_rate_hz", Settings { control_rate_hz: f64::NAN, ..Settings::default() }),
             ("friction_scale", Settings { friction_scale: -1.0, ..Settings::default() }),

@@ -44,6 +44,29 @@ pub fn braking_caps(stations: &[f64], deceleration: f64) -> Vec<f64> {
     stations.iter().map(|s| (2.0 * deceleration * (end - s)).max(0.0).sqrt()).collect()
 }
 
+/// Time until the gap to a vehicle ahead is used up at present speeds, s: TTC = s/(v − v_lead), only when closing. (The
+/// lecture prints its inverse.)
+#[must_use]
+pub fn time_to_collision(gap: f64, speed: f64, lead_speed: f64) -> Option<f64> {
+    let closing = speed - lead_speed;
+    (closing > 0.0).then(|| gap.max(0.0) / closing)
+}
+
+/// Highest speed at each node for being down to `lead_speed` (m/s) where the gap to a vehicle ahead is used up, at station
+/// `meets`: v² = v_lead² + 2 d (s_meets − s), and v_lead from there on.
+#[must_use]
+pub fn following_caps(stations: &[f64], meets: f64, lead_speed: f64, deceleration: f64) -> Vec<f64> {
+    let cap = |s: &f64| (lead_speed * lead_speed + 2.0 * deceleration * (meets - s).max(0.0)).sqrt();
+    stations.iter().map(cap).collect()
+}
+
+/// Combines bounds node by node: the least of all. As long as the shortest list.
+#[must_use]
+pub fn least_of(bounds: &[&[f64]]) -> Vec<f64> {
+    let nodes = bounds.iter().map(|b| b.len()).min().unwrap_or(0);
+    (0..nodes).map(|i| bounds.iter().map(|b| b[i]).fold(f64::INFINITY, f64::min)).collect()
+}
+
 /// Lowers the nodes' caps so that each next one can be reached with `deceleration`: the comfortable approach to every
 /// slower part.
 pub fn make_reachable(stations: &[f64], caps: &mut [f64], deceleration: f64) {
@@ -76,6 +99,26 @@ mod tests {
     #[test]
     fn fast_changing_curvature_is_limited_by_the_steering_rate() {
         assert!((LIMITS.at(&point(0.0, 0.02)) - 8.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn time_to_collision_is_gap_over_closing_speed_and_only_when_closing() {
+        assert_eq!(time_to_collision(20.0, 15.0, 10.0), Some(4.0));
+        assert_eq!(time_to_collision(20.0, 10.0, 10.0), None);
+        assert_eq!(time_to_collision(20.0, 8.0, 10.0), None);
+        assert_eq!(time_to_collision(-1.0, 15.0, 10.0), Some(0.0));
+    }
+
+    #[test]
+    fn following_ends_at_the_leads_speed_and_the_least_bound_wins() {
+        let stations: Vec<f64> = (0..=10).map(f64::from).collect();
+        let following = following_caps(&stations, 8.0, 3.0, 2.0);
+        assert_eq!((following[8], following[10]), (3.0, 3.0));
+        assert!((following[0] - 41.0_f64.sqrt()).abs() < 1e-12);
+        let rule = vec![5.0; 11];
+        let both = least_of(&[&following, &rule]);
+        assert_eq!((both[0], both[9]), (5.0, 3.0));
+        assert!(least_of(&[]).is_empty());
     }
 
     #[test]

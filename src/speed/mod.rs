@@ -8,47 +8,88 @@
 //! ```
 //!
 //! A cell is *blocked* during the time intervals in which the vehicle, anywhere in that cell, would touch a moving
-//! obstacle. `safe_tlp` searches this lattice by the SafeTLP algorithm (Cserna, Doyle, Gu, Ruml: *Safe Temporal
-//! Planning for Urban Driving*, Algorithm 1); [`smoothing`] makes the result jerk-limited through a quadratic program;
-//! [`prove`] checks any profile again, by other code than the search.
+//! obstacle. The planner searches this lattice by the SafeTLP algorithm (Cserna, Doyle, Gu, Ruml: *Safe Temporal Planning
+//! for Urban Driving*, Algorithm 1); [`Strategy`] names the methods that it is compared with, behind the same [`search`].
+//! [`smoothing`] makes the result jerk-limited through a quadratic program; [`prove`] checks any profile again, by other
+//! code than the search.
 //!
 //! Weak spots: duplicates are detected on a grid of speed and time (see [`Resolution`]), so completeness holds for that
 //! grid and not for the continuum; edges have unbounded jerk until they are smoothed.
 
 pub mod bounds;
+mod lattice;
+mod naive;
+mod outcome;
 mod outlook;
+mod plan_to_stop;
+mod problem;
+pub mod profiles;
 mod prove;
+mod safe_rts;
 mod safe_tlp;
 pub mod smoothing;
+pub mod tail;
 
+pub use lattice::{Budget, ProofOrder};
+pub use outcome::{Nothing, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
+pub use problem::{ProblemError, SpeedProblem};
 pub use prove::{Refutation, prove};
-pub use safe_tlp::{SpeedOutcome, SpeedPlan, SpeedState, plan};
+
+/// How the speed lattice is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Strategy {
+    /// Best-first search to the end of the road at any speed. Proves nothing.
+    Naive,
+    /// Exhaustive breadth-first search for a stop with comfortable actions: the conventional method.
+    PlanToStop,
+    /// Algorithm 1 of the paper: complete.
+    SafeTlp,
+    /// Explores and proves in turns under a budget, and returns the best proven prefix it has.
+    SafeRts,
+}
+
+impl Strategy {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Naive, Self::PlanToStop, Self::SafeTlp, Self::SafeRts];
+
+    /// Its stable name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Naive => "naive",
+            Self::PlanToStop => "plan-to-stop",
+            Self::SafeTlp => "safetlp",
+            Self::SafeRts => "safe-rts",
+        }
+    }
+}
+
+/// Searches for a plan of the given strategy. Finding none is an outcome.
+///
+/// # Errors
+/// A problem that makes no sense: see [`ProblemError`].
+pub fn search(
+    problem: &SpeedProblem,
+    strategy: Strategy,
+    resolution: &Resolution,
+) -> Result<SpeedOutcome, ProblemError> {
+    problem.validate()?;
+    resolution.validate()?;
+    let (plan, statistics, spent) = lattice::with(problem, resolution, |lattice| match strategy {
+        Strategy::Naive => Some(naive::search(lattice)),
+        Strategy::PlanToStop => plan_to_stop::search(lattice),
+        Strategy::SafeTlp => safe_tlp::search(lattice),
+        Strategy::SafeRts => safe_rts::search(lattice),
+    });
+    Ok(match plan {
+        Some(plan) if strategy == Strategy::Naive => SpeedOutcome::Unproven { plan, statistics },
+        Some(plan) => SpeedOutcome::Proven { plan, statistics },
+        None => SpeedOutcome::Nothing { why: Nothing::of(problem, spent), statistics },
+    })
+}
 
 /// A closed time interval `(from, to)`, s of the run.
 pub type TimeInterval = (f64, f64);
-
-/// A speed-planning problem along one path.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SpeedProblem {
-    /// Nodes, m along the path, increasing. Cell `i` lies between nodes `i` and `i + 1`.
-    pub stations: Vec<f64>,
-    /// Highest speed allowed at each node, m/s; inside a cell the higher one of its two nodes.
-    pub caps: Vec<f64>,
-    /// For each cell the time intervals in which it is blocked, sorted and disjoint.
-    pub blocked: Vec<Vec<TimeInterval>>,
-    /// Time intervals in which the pose at the first node itself is blocked, sorted and disjoint.
-    pub blocked_at_start: Vec<TimeInterval>,
-    /// Whether coming to rest at each node is allowed (not inside a crossing or junction).
-    pub rest_allowed: Vec<bool>,
-    /// Speed at the first node, m/s.
-    pub start_speed: f64,
-    /// Time at the first node, s of the run.
-    pub start_time: f64,
-    /// Time up to which a vehicle at rest must stay free of obstacles, s of the run.
-    pub horizon: f64,
-    /// Accelerations that may be used.
-    pub limits: AccelerationLimits,
-}
 
 /// Accelerations of the search; decelerations are positive numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,66 +111,29 @@ pub struct Resolution {
     pub time: f64,
     /// Duration of one waiting action at rest, s.
     pub wait: f64,
-    /// Expansions allowed in each of the three phases (naive search, all proofs together, exhaustive search).
+    /// Expansions allowed in each of the three phases of SafeTLP (naive search, all proofs together, exhaustive search),
+    /// and in all of the other strategies.
     pub expansions: usize,
+    /// Memory that a search may use, bytes.
+    pub memory: usize,
+    /// Whether states at different times are different even where nothing moves, as in the paper's lattice.
+    pub always_timed: bool,
+    /// Order of the stopping proofs.
+    pub proof_order: ProofOrder,
 }
 
 impl Default for Resolution {
     fn default() -> Self {
-        Self { speed: 0.05, time: 0.1, wait: 0.5, expansions: 20_000 }
-    }
-}
-
-impl SpeedProblem {
-    /// Number of cells.
-    #[must_use]
-    pub fn cells(&self) -> usize {
-        self.stations.len().saturating_sub(1)
-    }
-
-    /// Station of the last node, m.
-    #[must_use]
-    pub fn end(&self) -> f64 {
-        self.stations.last().copied().unwrap_or(0.0)
-    }
-
-    /// Whether cell `i` is blocked at any moment of `[from, to]`.
-    #[must_use]
-    pub fn is_blocked(&self, cell: usize, from: f64, to: f64) -> bool {
-        overlaps(&self.blocked[cell], from, to)
-    }
-
-    /// Whether a vehicle at rest at node `i` is touched at any moment of `[from, to]`. A node belongs to the cells on
-    /// both sides: at each moment, being free in either proves it.
-    #[must_use]
-    pub fn is_rest_blocked(&self, node: usize, from: f64, to: f64) -> bool {
-        let behind = if node == 0 { &self.blocked_at_start } else { &self.blocked[node - 1] };
-        match self.blocked.get(node) {
-            None => overlaps(behind, from, to),
-            Some(ahead) => behind.iter().any(|&(start, end)| {
-                let (start, end) = (start.max(from), end.min(to));
-                start <= end && overlaps(ahead, start, end)
-            }),
+        Self {
+            speed: 0.05,
+            time: 0.1,
+            wait: 0.5,
+            expansions: 20_000,
+            memory: 64 << 20,
+            always_timed: false,
+            proof_order: ProofOrder::default(),
         }
     }
-
-    /// A safe state: at rest where resting is allowed, untouched from `time` to the horizon.
-    #[must_use]
-    pub fn is_safe_rest(&self, node: usize, time: f64) -> bool {
-        self.rest_allowed[node] && !self.is_rest_blocked(node, time, self.horizon.max(time))
-    }
-
-    /// Whether anything moves near this path at all. If not, time does not tell states apart.
-    #[must_use]
-    pub fn time_matters(&self) -> bool {
-        !self.blocked_at_start.is_empty() || self.blocked.iter().any(|b| !b.is_empty())
-    }
-}
-
-/// Whether `[from, to]` meets any of the sorted disjoint intervals.
-fn overlaps(intervals: &[TimeInterval], from: f64, to: f64) -> bool {
-    let first_ending_after = intervals.partition_point(|&(_, end)| end < from);
-    intervals.get(first_ending_after).is_some_and(|&(start, _)| start <= to)
 }
 
 #[cfg(test)]
@@ -154,17 +158,4 @@ pub(crate) mod test_support {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::overlaps;
-
-    #[test]
-    fn touching_an_interval_counts_as_blocked() {
-        let b = [(1.0, 2.0), (4.0, 5.0)];
-        assert!(overlaps(&b, 2.0, 3.0));
-        assert!(overlaps(&b, 0.0, 1.0));
-        assert!(overlaps(&b, 0.0, 9.0));
-        assert!(!overlaps(&b, 2.1, 3.9));
-        assert!(!overlaps(&b, 5.1, 9.0));
-        assert!(!overlaps(&[], 0.0, 1.0));
-    }
-}
+mod tests;

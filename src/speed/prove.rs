@@ -2,7 +2,7 @@
 //! profile enters and leaves each cell.
 
 use super::SpeedProblem;
-use crate::trajectory::SpeedProfile;
+use crate::trajectory::{SpeedKnot, SpeedProfile};
 
 /// Why a profile is not a proven plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,12 +50,35 @@ pub enum Refutation {
     },
 }
 
+impl Refutation {
+    /// Every code, in the order of the checks.
+    pub const CODES: [&'static str; 7] =
+        ["too_hard", "not_at_rest", "past_the_end", "backwards", "blocked", "too_fast", "unsafe_rest"];
+
+    /// The stable code used in reports.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::TooHard { .. } => "too_hard",
+            Self::NotAtRest { .. } => "not_at_rest",
+            Self::PastTheEnd { .. } => "past_the_end",
+            Self::Backwards { .. } => "backwards",
+            Self::Blocked { .. } => "blocked",
+            Self::TooFast { .. } => "too_fast",
+            Self::UnsafeRest { .. } => "unsafe_rest",
+        }
+    }
+}
+
 /// How far a profile may run past the last node (m): rounding of a quadratic program's solution, far below the
 /// collision margins.
 const STATION_SLACK: f64 = 1e-3;
 /// Speed over a cap that is forgiven (m/s). Caps are comfort and rule limits, not edges of physics, and a jerk limit of
 /// 1.8 m/s³ carries the speed on by 1.5²/(2·1.8) m/s when a cap appears in the middle of an acceleration.
 const SPEED_SLACK: f64 = 0.7;
+/// Jerk with which an acceleration that a profile starts with turns to braking, where a cap asks for it, m/s³: that of a
+/// firm foot on the brake.
+const RAMP_JERK: f64 = 5.0;
 /// Acceleration over a limit that is forgiven (m/s²): tolerance of the quadratic program.
 const ACCELERATION_SLACK: f64 = 0.02;
 /// Distance within which the profile counts as standing on a node (m): far below any margin, far above rounding.
@@ -130,9 +153,10 @@ fn cap_holds(
     cell: usize,
     (from, to): (f64, f64),
 ) -> Result<(), Refutation> {
-    let braked = braked_from(problem, problem.start_speed, cell);
-    let inner = profile.knots().iter().map(|k| k.time).filter(|t| (from..=to).contains(t));
-    let fastest = inner.chain([from, to]).map(|t| profile.at(t).speed).fold(0.0, f64::max);
+    let braked = braked_from(problem, &profile.knots()[0], cell);
+    let first = profile.knots().partition_point(|k| k.time < from);
+    let inner = profile.knots()[first..].iter().take_while(|k| k.time <= to).map(|k| k.speed);
+    let fastest = inner.chain([from, to].map(|t| profile.at(t).speed)).fold(0.0, f64::max);
     let inside = fastest - problem.caps[cell].max(problem.caps[cell + 1]).max(braked);
     let arriving = profile.at(to).speed - problem.caps[cell + 1].max(braked);
     // braking from above the cap is a start state's right, as long as it gets no faster
@@ -141,39 +165,69 @@ fn cap_holds(
 }
 
 /// First time at which the profile reaches a station, if it does.
-fn first_time_at(profile: &SpeedProfile, station: f64) -> Option<f64> {
+pub(super) fn first_time_at(profile: &SpeedProfile, station: f64) -> Option<f64> {
     let knots = profile.knots();
     let after = knots.partition_point(|k| k.station < station - ON_NODE);
     let reached = knots.get(after)?;
     let before = if after == 0 { reached } else { &knots[after - 1] };
-    Some(bisect(before.time, reached.time, |t| profile.at(t).station >= station - ON_NODE))
+    Some(before.time + time_to(before, reached.time - before.time, station - ON_NODE))
 }
 
 /// Time at which the profile leaves a station for good; its end if it rests there.
-fn last_time_at(profile: &SpeedProfile, station: f64) -> f64 {
+pub(super) fn last_time_at(profile: &SpeedProfile, station: f64) -> f64 {
     let knots = profile.knots();
     let after = knots.partition_point(|k| k.station <= station + ON_NODE);
     match knots.get(after) {
         None => profile.duration(),
         Some(_) if after == 0 => knots[0].time,
-        Some(left) => bisect(knots[after - 1].time, left.time, |t| profile.at(t).station > station + ON_NODE),
+        Some(left) => {
+            let before = &knots[after - 1];
+            before.time + time_to(before, left.time - before.time, station + ON_NODE)
+        }
     }
 }
 
-/// The time in `[from, to]` at which a monotone condition becomes true, to the last bit that matters.
-fn bisect(mut from: f64, mut to: f64, holds: impl Fn(f64) -> bool) -> f64 {
-    const HALVINGS: usize = 45;
-    for _ in 0..HALVINGS {
-        let middle = f64::midpoint(from, to);
-        if holds(middle) { to = middle } else { from = middle }
+/// Seconds after `knot` until `station` is reached, which is not before it and not beyond where the profile is `length`
+/// seconds later: Newton's method, kept inside a bracket that is halved where it fails.
+fn time_to(knot: &SpeedKnot, length: f64, station: f64) -> f64 {
+    /// Far above rounding, and at any speed far below [`ON_NODE`].
+    const ACCURACY: f64 = 1e-10;
+    /// Halvings alone get from an hour to the accuracy in so many.
+    const MOST_STEPS: usize = 60;
+    let (mut lower, mut upper) = (0.0, length);
+    let mut time = upper;
+    for _ in 0..MOST_STEPS {
+        let here = knot.after(time);
+        let beyond = here.station - station;
+        if beyond >= 0.0 {
+            upper = time
+        } else {
+            lower = time
+        }
+        let newton = time - beyond / here.speed;
+        let next = if (lower..=upper).contains(&newton) { newton } else { f64::midpoint(lower, upper) };
+        let is_there = (next - time).abs() < ACCURACY;
+        time = next;
+        if is_there {
+            break;
+        }
     }
-    to
+    time
 }
 
-/// Speed left in `cell` when braking aggressively from the start of the problem.
-fn braked_from(problem: &SpeedProblem, start_speed: f64, cell: usize) -> f64 {
+/// Speed left in `cell` when braking comfortably from the start of the problem, to which the start's acceleration turns
+/// within [`RAMP_JERK`].
+fn braked_from(problem: &SpeedProblem, start: &SpeedKnot, cell: usize) -> f64 {
     let run = problem.stations[cell] - problem.stations[0];
-    (start_speed * start_speed - 2.0 * problem.limits.deceleration * run).max(0.0).sqrt()
+    let braking = problem.limits.deceleration;
+    let turning = ((start.acceleration + braking) / RAMP_JERK).max(0.0);
+    let turned = SpeedKnot { jerk: -RAMP_JERK, ..*start }.after(turning);
+    let beyond = run - (turned.station - start.station);
+    if beyond <= 0.0 {
+        // not yet turned: no more than the fastest on the way
+        return start.speed + start.acceleration.max(0.0).powi(2) / (2.0 * RAMP_JERK);
+    }
+    (turned.speed * turned.speed - 2.0 * braking * beyond).max(0.0).sqrt()
 }
 
 fn rest_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), Refutation> {
@@ -195,7 +249,6 @@ fn rest_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), Ref
 mod tests {
     use super::super::test_support::empty_road;
     use super::*;
-    use crate::trajectory::SpeedKnot;
 
     /// 10 m/s for `cruise` seconds, then −2 m/s² to rest.
     fn cruise_and_brake(cruise: f64) -> SpeedProfile {
@@ -236,6 +289,32 @@ mod tests {
         let mut gentle = clean;
         gentle.limits.aggressive_deceleration = 1.9;
         assert!(matches!(prove(&gentle, &cruise_and_brake(2.0)), Err(Refutation::TooHard { .. })));
+    }
+
+    #[test]
+    fn times_at_stations_are_those_of_plain_halving_standing_start_and_stop_included() {
+        let profile = cruise_and_brake(1.0);
+        let pieces = [
+            (profile.knots()[0], 1.0),
+            (profile.knots()[1], 5.0),
+            (SpeedKnot { time: 0.0, station: 0.0, speed: 0.0, acceleration: 0.0, jerk: 0.7 }, 3.0),
+            (SpeedKnot { time: 0.0, station: 5.0, speed: 2.0, acceleration: -1.0, jerk: 0.25 }, 4.0),
+        ];
+        for (knot, length) in pieces {
+            let end = knot.after(length).station;
+            for i in 0..=50 {
+                let station = knot.station + (end - knot.station) * f64::from(i) / 50.0;
+                let (mut lower, mut upper) = (0.0, length);
+                for _ in 0..80 {
+                    let middle = f64::midpoint(lower, upper);
+                    if knot.after(middle).station >= station { upper = middle } else { lower = middle }
+                }
+                let found = time_to(&knot, length, station);
+                assert!((knot.after(found).station - station).abs() < 1e-9, "{station} at {found}");
+                // where it hardly moves the times may differ, the stations not
+                assert!((found - upper).abs() < 1e-4, "{found} against {upper}");
+            }
+        }
     }
 
     #[test]

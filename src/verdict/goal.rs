@@ -81,17 +81,27 @@ impl GoalWatch {
     }
 
     /// Whether the state meets every condition of one of the goals. `centre` is the pose of the vehicle's centre,
-    /// `speed` in m/s, `time` in s since the file's time step 0. To agree with the referee, ask at time steps:
-    /// [`Self::is_time_step`].
+    /// `speed` in m/s, `time` in s since the file's time step 0.
     #[must_use]
     pub fn is_goal(&self, centre: &Pose, speed: f64, time: f64) -> bool {
         self.goals.iter().any(|g| g.unmet(centre, speed, time).is_empty())
     }
 
-    /// Whether a time of the run is a time step of the file, up to rounding.
+    /// The first time step of the file within the samples at which one of the goals is met and `counts` holds of speed
+    /// (m/s) and time (s): the index of the first sample that is no earlier. States between samples are interpolated, so
+    /// that no rate of samples misses a time step.
     #[must_use]
-    pub fn is_time_step(&self, time: f64) -> bool {
-        (time - (time / self.time_step).round() * self.time_step).abs() <= TIME_SLACK
+    pub fn reached_in(
+        &self,
+        vehicle: &Vehicle,
+        samples: &[Sample],
+        counts: impl Fn(f64, f64) -> bool,
+    ) -> Option<usize> {
+        let time = states_at_steps(self.time_step, vehicle, samples)
+            .find(|s| self.is_goal(&s.centre, s.speed, s.time) && counts(s.speed, s.time))?
+            .time;
+        let index = samples.partition_point(|s| s.time < time - TIME_SLACK);
+        (index < samples.len()).then_some(index)
     }
 
     /// The latest time at which the goal can still be reached, s; −∞ without a goal.
@@ -110,7 +120,7 @@ impl GoalWatch {
 #[must_use]
 pub fn goal_reached_at(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, log: &Log) -> Option<f64> {
     let watch = GoalWatch::new(scenario, problem);
-    states_at_steps(scenario.time_step, vehicle, log)
+    states_at_steps(scenario.time_step, vehicle, &log.samples)
         .find(|s| watch.is_goal(&s.centre, s.speed, s.time))
         .map(|s| s.time)
 }
@@ -118,7 +128,7 @@ pub fn goal_reached_at(scenario: &Scenario, problem: &PlanningProblem, vehicle: 
 /// The check. Its value counts the conditions that were not met at the time step that met most.
 pub(super) fn goal(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, log: &Log) -> Check {
     let watch = GoalWatch::new(scenario, problem);
-    let best = states_at_steps(scenario.time_step, vehicle, log)
+    let best = states_at_steps(scenario.time_step, vehicle, &log.samples)
         .filter_map(|s| Some((watch.least_unmet(&s.centre, s.speed, s.time)?, s.time)))
         .min_by_key(|(unmet, _)| unmet.len());
     let check = |value: f64, at_time, note| Check {
@@ -150,16 +160,20 @@ struct StateAtStep {
     speed: f64,
 }
 
-/// The driven states at the scenario's time steps that the log covers, interpolated between samples.
-fn states_at_steps<'a>(step: f64, vehicle: &'a Vehicle, log: &'a Log) -> impl Iterator<Item = StateAtStep> + 'a {
-    let first = log.samples.first().map_or(f64::INFINITY, |s| s.time);
-    let last = log.samples.last().map_or(f64::NEG_INFINITY, |s| s.time);
+/// The driven states at the scenario's time steps that the samples cover, interpolated between samples.
+fn states_at_steps<'a>(
+    step: f64,
+    vehicle: &'a Vehicle,
+    samples: &'a [Sample],
+) -> impl Iterator<Item = StateAtStep> + 'a {
+    let first = samples.first().map_or(f64::INFINITY, |s| s.time);
+    let last = samples.last().map_or(f64::NEG_INFINITY, |s| s.time);
     let start = ((first - TIME_SLACK) / step).ceil();
     let count = (((last + TIME_SLACK) / step).floor() - start + 1.0).max(0.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count, not negative; NaN gives 0
     (0..count as usize).filter_map(move |i| {
         let time = (start + i as f64) * step;
-        let (pose, speed) = interpolated(&log.samples, time)?;
+        let (pose, speed) = interpolated(samples, time)?;
         Some(StateAtStep { time, centre: vehicle.centre_of_rear_axle(&pose), speed })
     })
 }
@@ -243,14 +257,28 @@ mod tests {
     }
 
     #[test]
-    fn asked_sample_by_sample_the_watch_agrees_with_the_whole_log() {
-        let s = Story::clean();
-        let watch = GoalWatch::new(&s.scenario, &s.scenario.problems[0]);
-        let hit = s.log.samples.iter().find(|m| {
-            watch.is_time_step(m.time) && watch.is_goal(&s.vehicle.centre_of_rear_axle(&m.pose), m.speed, m.time)
-        });
-        assert!((hit.unwrap().time - reached(&s).unwrap()).abs() < 1e-9);
+    fn asked_part_by_part_the_watch_agrees_with_the_whole_log_whatever_the_rate_of_samples() {
+        let whole = Story::clean();
+        let watch = GoalWatch::new(&whole.scenario, &whole.scenario.problems[0]);
+        let asked = |samples: &[Sample]| {
+            let mut judged: usize = 0;
+            samples.chunks(7).find_map(|part| {
+                let from = judged.saturating_sub(1);
+                judged += part.len();
+                let index = watch.reached_in(&whole.vehicle, &samples[from..judged], |_, _| true)?;
+                Some(samples[from + index].time)
+            })
+        };
+        for every in [1, 3, 7] {
+            // 3 and 7 hundredths of a second: hardly a sample lies on a time step
+            let samples: Vec<Sample> = whole.log.samples.iter().copied().step_by(every).collect();
+            let log = Log { samples, ..whole.log.clone() };
+            let expected = goal_reached_at(&whole.scenario, &whole.scenario.problems[0], &whole.vehicle, &log).unwrap();
+            let found = asked(&log.samples).unwrap();
+            let spacing = 0.01 * every as f64;
+            assert!((expected - 1e-9..expected + spacing).contains(&found), "{found} for {expected}");
+        }
+        assert_eq!(watch.reached_in(&whole.vehicle, &whole.log.samples, |_, _| false), None);
         assert_eq!(watch.deadline(), 30.0);
-        assert!(!watch.is_time_step(0.15) && watch.is_time_step(0.1 + 0.1 + 0.1));
     }
 }

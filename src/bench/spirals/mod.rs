@@ -12,7 +12,7 @@ pub use judge::{Answer, Curve, Judged};
 use rayon::prelude::*;
 
 use super::problems::{COUNT, LatticeProblem, SEED, lattice_problems};
-use super::{Times, timed};
+use super::{Check, Times, timed};
 use crate::geometry::boundary::{EndCondition, Infeasibility, Problem, Status};
 use crate::geometry::quintic;
 use crate::geometry::spiral::connect;
@@ -224,21 +224,6 @@ pub struct Comparison {
     pub rows: Vec<Row>,
     /// For each method what its answers are worth, problem by problem: `None` where it was not asked or found nothing.
     pub judged: Vec<Vec<Option<Judged>>>,
-}
-
-/// Something promised, with its figure.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Check {
-    /// Stable name.
-    pub name: &'static str,
-    /// Whether it held.
-    pub pass: bool,
-    /// The figure.
-    pub value: f64,
-    /// What it may be.
-    pub limit: f64,
-    /// Unit of both.
-    pub unit: &'static str,
 }
 
 /// Solves, times and judges.

@@ -1,13 +1,37 @@
 //! `stopline bench`: arguments and outputs of the comparisons; the measuring is in [`crate::bench`].
 
+mod safetlp;
 mod spirals;
 
+use serde_json::{Value, json};
+
 use super::args::Comparison;
-use super::{Exit, Failure};
+use super::{Exit, Failure, report};
+use crate::bench::Check;
 
 /// Runs a comparison.
 pub(super) fn run(comparison: Comparison) -> Result<Exit, Failure> {
     match comparison {
+        Comparison::Safetlp(args) => safetlp::run(args),
         Comparison::Spirals(args) => spirals::run(args),
     }
+}
+
+fn held(checks: &[Check]) -> bool {
+    checks.iter().all(|c| c.pass)
+}
+
+fn check_json(check: &Check) -> Value {
+    let Check { name, pass, value, limit, unit } = check;
+    json!({ "name": name, "pass": pass, "value": value, "limit": limit, "unit": unit })
+}
+
+/// What is promised, as a table for people.
+fn check_table(checks: &[Check]) -> String {
+    let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
+    let row = |c: &Check| {
+        let held = if c.pass { "held" } else { "FAILED" };
+        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
+    };
+    report::table(&std::iter::once(head).chain(checks.iter().map(row)).collect::<Vec<_>>())
 }

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use crate::bench::spirals::{BOUND, Check, Comparison, Method, Row, SOFT, Settings, compare_watched};
+use super::{check_json, check_table, held};
+use crate::bench::Check;
+use crate::bench::spirals::{BOUND, Comparison, Method, Row, SOFT, Settings, compare_watched};
 use crate::cli::args::SpiralArgs;
 use crate::cli::job::Outputs;
 use crate::cli::{Exit, Failure, json as result, print, progress, report};
@@ -41,10 +43,6 @@ pub(super) fn run(args: SpiralArgs) -> Result<Exit, Failure> {
     Ok(if held(&checks) { Exit::Held } else { Exit::CheckFailed })
 }
 
-fn held(checks: &[Check]) -> bool {
-    checks.iter().all(|c| c.pass)
-}
-
 /// The result; its hash covers everything but the times.
 fn to_json(comparison: &Comparison, checks: &[Check]) -> Value {
     let mut value = Map::new();
@@ -54,9 +52,7 @@ fn to_json(comparison: &Comparison, checks: &[Check]) -> Value {
     put("problems", json!(comparison.problems.len()));
     put("bound_per_m", json!(BOUND));
     put("verdict", json!(if held(checks) { "pass" } else { "fail" }));
-    let check =
-        |c: &Check| json!({ "name": c.name, "pass": c.pass, "value": c.value, "limit": c.limit, "unit": c.unit });
-    put("checks", checks.iter().map(check).collect());
+    put("checks", checks.iter().map(check_json).collect());
     put("methods", comparison.rows.iter().map(row_to_json).collect());
     let hash = result::hash(&Value::Object(value.clone()), &[]);
     let mut put = |key: &str, v: Value| value.insert(key.to_owned(), v);
@@ -138,12 +134,7 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
     text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
     text += &notes();
     text.push('\n');
-    let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
-    let check = |c: &Check| {
-        let held = if c.pass { "held" } else { "FAILED" };
-        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
-    };
-    text += &report::table(&std::iter::once(head).chain(checks.iter().map(check)).collect::<Vec<_>>());
+    text += &check_table(checks);
     let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
     text
 }

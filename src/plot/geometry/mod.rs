@@ -40,7 +40,7 @@ const HEAD: f64 = 52.0;
 const LEGEND: f64 = 28.0;
 
 /// A page with title and a line about it, `height` px of content below, which `draw` fills from the `top` given to it.
-fn sheet(title: &str, about: &str, height: f64, draw: impl FnOnce(&mut Svg, f64)) -> String {
+pub(super) fn sheet(title: &str, about: &str, height: f64, draw: impl FnOnce(&mut Svg, f64)) -> String {
     let (top, page_height) = (MARGIN + HEAD, MARGIN + HEAD + height + MARGIN);
     let mut svg = Svg::new(PAGE_WIDTH, page_height);
     svg.add_text(&Element::new("title"), title);
@@ -91,7 +91,7 @@ fn metre_grid(svg: &mut Svg, view: &View, step: f64) {
 }
 
 /// A row of samples with their names.
-fn legend_row(svg: &mut Svg, (left, top): Page, entries: &[(Mark, String)]) {
+pub(super) fn legend_row(svg: &mut Svg, (left, top): Page, entries: &[(Mark, String)]) {
     svg.group(
         &Element::new("g").with("class", "legend").num("font-size", 11.5).with("fill", style::FAINT_INK),
         |svg| {

@@ -1,0 +1,210 @@
+//! `stopline bench safetlp`: the table, the JSON, the CSV and the picture of the paper's experiment.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use serde_json::{Map, Value, json};
+
+use super::{check_json, check_table, held};
+use crate::bench::safetlp::{Comparison, LIMIT_SETS, Method, Settings, TIME_LIMIT, compare, searches};
+use crate::cli::args::SafeTlpArgs;
+use crate::cli::job::Outputs;
+use crate::cli::{Exit, Failure, json as result, print, progress, report};
+use crate::io::files;
+
+/// Bytes of a MiB.
+const MIB: usize = 1 << 20;
+
+/// Checks the outputs, measures, writes, reports.
+pub(super) fn run(args: SafeTlpArgs) -> Result<Exit, Failure> {
+    let outputs = Outputs { json: args.json, csv: args.csv, svg: args.svg, ..Outputs::default() };
+    outputs.check(&[])?;
+    let settings = Settings {
+        length: args.length,
+        step: args.step,
+        time_bin: args.time_bin,
+        every: args.every,
+        memory: args.memory as usize * MIB,
+        time_limit: args.time_limit,
+        ..Settings::default()
+    };
+    let bar = progress::bar(!args.quiet);
+    let all = searches(&settings);
+    bar.set_length(all as u64);
+    bar.set_message(format!("of {all} searches"));
+    let comparison = compare(&settings, || bar.inc(1));
+    bar.finish_and_clear();
+    let comparison = comparison.map_err(|e| Failure::Use(e.to_string()))?;
+    let value = to_json(&comparison);
+    if let Some(path) = outputs.json.as_ref().filter(|_| !outputs.json_on_stdout()) {
+        files::write_atomic(path, result::text(&value).as_bytes()).map_err(Failure::file)?;
+    }
+    if let Some(path) = &outputs.csv {
+        files::write_atomic(path, to_csv(&comparison).as_bytes()).map_err(Failure::file)?;
+    }
+    if let Some(path) = &outputs.svg {
+        files::write_atomic(path, crate::plot::safetlp::experiment(&comparison).as_bytes()).map_err(Failure::file)?;
+    }
+    if outputs.json_on_stdout() {
+        print(&result::text(&value))?;
+    } else if !args.quiet {
+        print(&text(&comparison, &value))?;
+    }
+    Ok(if held(&comparison.checks()) { Exit::Held } else { Exit::CheckFailed })
+}
+
+/// The result; its hash covers everything but the times.
+fn to_json(comparison: &Comparison) -> Value {
+    let checks = comparison.checks();
+    let s = &comparison.settings;
+    let mut value = Map::new();
+    let mut put = |key: &str, v: Value| value.insert(key.to_owned(), v);
+    put("format", json!("stopline.bench.safetlp/1"));
+    put("road_m", json!(s.length));
+    put("step_m", json!(s.step));
+    put("time_bin_s", json!(s.time_bin));
+    put("instances", json!(comparison.instances.len()));
+    put("verdict", json!(if held(&checks) { "pass" } else { "fail" }));
+    put("checks", checks.iter().map(check_json).collect());
+    put("methods", Method::ALL.iter().map(|m| method_json(comparison, *m)).collect());
+    let hash = result::hash(&Value::Object(value.clone()), &[]);
+    let time = |m: &Method| {
+        let seconds = comparison.group(*m, None).summary().time;
+        (m.name().to_owned(), json!({ "median_us": 1e6 * seconds }))
+    };
+    value.insert("time".into(), Value::Object(Method::ALL.iter().map(time).collect()));
+    value.insert("hash".into(), json!(hash));
+    Value::Object(value)
+}
+
+fn method_json(comparison: &Comparison, method: Method) -> Value {
+    let set = |set: usize| {
+        let summary = comparison.group(method, Some(set)).summary();
+        json!({
+            "acceleration_mps2": LIMIT_SETS[set].0,
+            "aggressive_deceleration_mps2": LIMIT_SETS[set].1,
+            "proven": summary.proven,
+            "median_expansions": summary.expansions,
+            "mean_average_speed_mps": summary.average_speed,
+        })
+    };
+    let all = comparison.group(method, None).summary();
+    json!({
+        "name": method.name(),
+        "label": method.label(),
+        "instances": all.instances,
+        "proven": all.proven,
+        "median_expansions": all.expansions,
+        "mean_average_speed_mps": all.average_speed,
+        "largest_memory_bytes": all.bytes,
+        "ended": ended(comparison, method),
+        "limit_sets": (0..LIMIT_SETS.len()).map(set).collect::<Vec<_>>(),
+    })
+}
+
+/// How many searches of a method ended how.
+fn ended(comparison: &Comparison, method: Method) -> BTreeMap<&'static str, usize> {
+    let mut counts = BTreeMap::new();
+    for measured in comparison.group(method, None).measured {
+        *counts.entry(measured.ended).or_insert(0) += 1;
+    }
+    counts
+}
+
+/// One row for each method and instance. The last column is the clock's.
+fn to_csv(comparison: &Comparison) -> String {
+    let mut text = String::from(
+        "method,comfortable_acceleration_mps2,aggressive_deceleration_mps2,start_speed_mps,ended,expansions,closed,\
+         proofs_tried,proof_succeeded,memory_bytes,average_speed_mps,top_speed_mps,end_speed_mps,proved_again,time_s\n",
+    );
+    for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+        for (instance, m) in comparison.instances.iter().zip(measured) {
+            let (comfortable, aggressive) = LIMIT_SETS[instance.set];
+            let succeeded = m.proof_succeeded.map(|n| n.to_string()).unwrap_or_default();
+            // writing to a String cannot fail
+            let _ = write!(
+                text,
+                "{},{comfortable},{aggressive},{},{},{},{},{},{succeeded},{},",
+                method.name(),
+                instance.start_speed,
+                m.ended,
+                m.expansions,
+                m.closed,
+                m.proofs_tried,
+                m.bytes
+            );
+            let _ = match m.plan {
+                Some(p) => {
+                    let proved = u8::from(p.proved_again);
+                    write!(text, "{},{},{},{proved},", p.average_speed, p.top_speed, p.end_speed)
+                }
+                None => write!(text, ",,,,"),
+            };
+            let _ = writeln!(text, "{}", m.time);
+        }
+    }
+    text
+}
+
+/// The tables for people.
+fn text(comparison: &Comparison, value: &Value) -> String {
+    let s = &comparison.settings;
+    let mut text = format!(
+        "{} instances: a stop after {} m in steps of {} m, at most 15 m/s, from 0…5 m/s, four limit sets; time bins {} s\n\n",
+        comparison.instances.len(),
+        s.length,
+        s.step,
+        s.time_bin
+    );
+    let head = ["method", "proven", "expansions", "time", "memory", "average speed, m/s, by limit set", "", "", ""];
+    let units = ["", "", "median", "median µs", "most MiB", "0.8/1.6", "1.0/1.8", "1.2/2.0", "1.5/2.2"];
+    let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
+    let rows = rows.chain(Method::ALL.iter().map(|m| cells(comparison, *m)));
+    text += &report::table(&rows.collect::<Vec<_>>());
+    text.push('\n');
+    text += &bounds_met(comparison);
+    text += &check_table(&comparison.checks());
+    let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
+    text
+}
+
+/// A line for each method of which searches met a bound.
+fn bounds_met(comparison: &Comparison) -> String {
+    let s = &comparison.settings;
+    let bounds = [
+        ("memory_budget", format!("ended at the memory bound of {} MiB", s.memory / MIB)),
+        ("expansion_budget", "ended at their bound of expansions".to_owned()),
+        (TIME_LIMIT, format!("were left out: the time limit of {} s was over", s.time_limit)),
+    ];
+    let mut text = String::new();
+    for method in Method::ALL {
+        let all = comparison.group(method, None).measured;
+        for (code, ended) in &bounds {
+            let met = all.iter().filter(|m| m.ended == *code).count();
+            if met > 0 {
+                // writing to a String cannot fail
+                let _ = writeln!(text, "{}: {met} of {} searches {ended}", method.label(), all.len());
+            }
+        }
+    }
+    if !text.is_empty() {
+        text.push('\n');
+    }
+    text
+}
+
+fn cells(comparison: &Comparison, method: Method) -> Vec<String> {
+    let all = comparison.group(method, None).summary();
+    let mut cells = vec![
+        method.label().to_owned(),
+        format!("{}/{}", all.proven, all.instances),
+        format!("{:.0}", all.expansions),
+        format!("{:.1}", 1e6 * all.time),
+        format!("{:.2}", all.bytes as f64 / MIB as f64),
+    ];
+    cells.extend((0..LIMIT_SETS.len()).map(|set| {
+        let speed = comparison.group(method, Some(set)).summary().average_speed;
+        if speed.is_finite() { format!("{speed:.3}") } else { "-".into() }
+    }));
+    cells
+}

@@ -1,0 +1,419 @@
+//! Grown predictions against sampled motions, and what is left out.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use proptest::prelude::*;
+use proptest::strategy::Strategy as Generator;
+
+use super::*;
+use crate::collision::CollisionWorld;
+use crate::collision::convert::{Local, vector};
+use crate::geometry::{Point, Vector};
+use crate::map::{RoadNetwork, Scenario, Shape};
+use crate::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, prove, search, smoothing};
+use crate::trajectory::SpeedProfile;
+
+const FREE: MotionBounds = MotionBounds { along: 2.0, across: 0.6, most_across: f64::INFINITY, vehicles_reverse: true };
+/// Length of the predictions, s.
+const LASTING: f64 = 6.0;
+/// Step of the sampled motions, s.
+const STEP: f64 = 0.005;
+
+/// A prediction: from a pose, at a speed that changes at a rate to zero at the least, turning at a rate.
+#[derive(Debug, Clone)]
+struct Predicted {
+    kind: ObstacleKind,
+    from: Pose,
+    speed: f64,
+    acceleration: f64,
+    turning: f64,
+    /// States are this far apart, s.
+    interval: f64,
+}
+
+impl Predicted {
+    fn obstacle(&self) -> Obstacle {
+        let states =
+            (0..=(LASTING / self.interval).round() as usize).scan((self.from, self.speed), |(pose, speed), i| {
+                let state = TimedPose { time: self.interval * i as f64, pose: *pose, speed: *speed };
+                let way = *speed * self.interval;
+                let middle = Pose { yaw: pose.yaw + 0.5 * self.turning * self.interval, ..*pose };
+                *pose = Pose {
+                    position: middle.advanced(way).position,
+                    yaw: wrap_angle(pose.yaw + self.turning * self.interval),
+                };
+                *speed = (*speed + self.acceleration * self.interval).max(0.0);
+                Some(state)
+            });
+        let motion = Motion::Trajectory(states.collect());
+        Obstacle { id: 7, kind: self.kind, shape: Shape::rectangle(4.0, 1.8), motion }
+    }
+}
+
+fn predictions(obstacles: &[Obstacle]) -> Predictions {
+    Predictions::new(obstacles, Origin::amid([]), &CollisionSettings::default(), LASTING)
+}
+
+fn predicted() -> impl Generator<Value = Predicted> {
+    let interval = prop_oneof![Just(0.1), Just(0.2), Just(0.3)];
+    let kind = prop_oneof![Just(ObstacleKind::Vehicle), Just(ObstacleKind::Pedestrian)];
+    (kind, -3.1..3.1f64, 0.0..15.0f64, -2.0..1.0f64, prop_oneof![Just(0.0), -0.6..0.6f64], interval).prop_map(
+        |(kind, yaw, speed, acceleration, turning, interval)| {
+            let from = Pose::new(10.0, -20.0, yaw);
+            Predicted { kind, from, speed, acceleration, turning, interval }
+        },
+    )
+}
+
+/// How a sampled motion chooses its accelerations: pushed in one direction, later in the opposite one, or at random.
+#[derive(Debug, Clone)]
+struct Push {
+    direction: f64,
+    turns_at: f64,
+    noise: Vec<(f64, f64)>,
+    share_of_noise: f64,
+}
+
+fn push() -> impl Generator<Value = Push> {
+    let noise = prop::collection::vec((-1.0..1.0f64, -1.0..1.0f64), 40);
+    let turns_at = prop_oneof![Just(f64::INFINITY), 0.5..5.0f64];
+    (-3.1..3.1f64, turns_at, noise, prop_oneof![Just(0.0), 0.0..1.0f64])
+        .prop_map(|(direction, turns_at, noise, share_of_noise)| Push { direction, turns_at, noise, share_of_noise })
+}
+
+/// The deviations of a motion within the bounds every [`STEP`] from `now` on, as far as they can be kept.
+fn deviations(obstacle: &Obstacle, now: f64, bounds: &MotionBounds, push: &Push) -> Vec<Vector> {
+    let reverses = bounds.vehicles_reverse || obstacle.kind == ObstacleKind::Pedestrian;
+    let (mut at, mut velocity) = (Vector::zeros(), Vector::zeros());
+    let mut found = vec![at];
+    while now + STEP * found.len() as f64 <= LASTING {
+        let s = STEP * (found.len() - 1) as f64;
+        let (before, after) = (obstacle.pose_at(now + s).unwrap(), obstacle.pose_at(now + s + STEP).unwrap());
+        let pose = before.interpolated(&after, 0.5);
+        let turned = pose.yaw - push.direction;
+        let sign = if s < push.turns_at { 1.0 } else { -1.0 };
+        let noise = push.noise[((s / 0.25) as usize).min(39)];
+        let mix = |pushed: f64, noise: f64| pushed * (1.0 - push.share_of_noise) + noise * push.share_of_noise;
+        let along = bounds.along * mix(sign * turned.cos().signum(), noise.0);
+        let across = bounds.across * mix(-sign * turned.sin().signum(), noise.1);
+        let predicted = (after.position - before.position) / STEP;
+        let moved = |along: f64| {
+            let acceleration = pose.forward() * along + pose.left() * across;
+            (at + velocity * STEP + acceleration * (0.5 * STEP * STEP), velocity + acceleration * STEP)
+        };
+        let keeps = |(at, velocity): &(Vector, Vector)| {
+            let forward = (predicted + velocity).dot(&after.forward());
+            let allowed = predicted.dot(&after.forward()).min(0.0);
+            (reverses || forward >= allowed) && at.dot(&after.left()).abs() <= bounds.most_across
+        };
+        // who would come to move backwards stands; if it can't, the motion ends here
+        let Some(next) = [along, bounds.along].into_iter().map(moved).find(keeps) else { break };
+        (at, velocity) = next;
+        found.push(at);
+    }
+    found
+}
+
+/// How far the motion comes out of the regions at most, m, beyond what the steps of the sampling explain.
+fn escape(predictions: &Predictions, obstacle: &Obstacle, now: f64, deviations: &[Vector], turning: f64) -> f64 {
+    let track = &predictions.tracks[0];
+    let parts = obstacle.shape.convex_parts();
+    let mut worst = f64::NEG_INFINITY;
+    for (i, deviation) in deviations.iter().enumerate().step_by(7) {
+        let elapsed = STEP * i as f64;
+        let slice = ((now + elapsed) / predictions.slice + 1e-9) as usize;
+        let Some(region) = slice.checked_sub(track.first).and_then(|i| track.slices.get(i)) else { continue };
+        let pose = obstacle.pose_at(now + elapsed).unwrap();
+        let ConvexPart::Polygon(corners) = &parts[0] else { panic!() };
+        for corner in corners {
+            let p = vector(pose.to_world(*corner) + deviation);
+            let out = region.pieces[0].distance_to(&[p, p, p]);
+            let sampling = 2.0 * turning.abs() * STEP * elapsed * elapsed + 1e-6;
+            worst = worst.max(out - sampling);
+        }
+    }
+    worst
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(600))]
+
+    /// No false negative: 3000 motions, pushed to the border of the set or not, lie where they may.
+    #[test]
+    fn no_motion_within_the_bounds_leaves_the_grown_regions(
+        predicted in predicted(), pushes in prop::collection::vec(push(), 5), now in prop_oneof![Just(0.0), Just(1.3), 0.0..3.0f64],
+        along in 0.0..4.0f64, across in 0.0..2.0f64,
+        most_across in prop_oneof![Just(f64::INFINITY), 0.1..2.0f64], vehicles_reverse in any::<bool>(),
+    ) {
+        let bounds = MotionBounds { along, across, most_across, vehicles_reverse };
+        let obstacle = predicted.obstacle();
+        let grown = predictions(std::slice::from_ref(&obstacle)).grown(now, &bounds);
+        for push in &pushes {
+            let motion = deviations(&obstacle, now, &bounds, push);
+            let out = escape(&grown, &obstacle, now, &motion, predicted.turning);
+            prop_assert!(out <= 0.0, "{out} m out with {push:?}");
+        }
+    }
+
+    #[test]
+    fn wider_bounds_cover_more_and_a_later_moment_less(
+        predicted in predicted(), along in 0.0..3.0f64, across in 0.0..1.0f64, more in 1.0..2.0f64, most in 0.2..2.0f64,
+    ) {
+        let all = predictions(&[Predicted { turning: 0.0, ..predicted.clone() }.obstacle()]);
+        let bounds = MotionBounds { along, across, most_across: most, vehicles_reverse: false };
+        let grown = all.grown(1.0, &bounds);
+        for wider in [
+            all.grown(1.0, &MotionBounds { along: more * along, ..bounds }),
+            all.grown(1.0, &MotionBounds { across: more * across, ..bounds }),
+            all.grown(1.0, &MotionBounds { most_across: more * most, ..bounds }),
+            all.grown(1.0, &MotionBounds { vehicles_reverse: true, ..bounds }),
+            all.grown(0.0, &bounds),
+            all.grown(0.55, &bounds),
+        ] {
+            prop_assert!(lies_in(&grown, &wider), "{bounds:?}");
+        }
+        let none = all.grown(1.0, &MotionBounds { along: 0.0, across: 0.0, ..bounds });
+        prop_assert!(lies_in(&none, &grown));
+        // turning or not
+        let bent = predictions(&[predicted.obstacle()]);
+        prop_assert!(lies_in(&after(&bent, 1.0), &bent.grown(1.0, &bounds)));
+    }
+
+    /// What a plan that is proven against the set promises: whatever the obstacle does, the plan comes to rest untouched.
+    #[test]
+    fn a_plan_proven_against_the_set_survives_every_motion_in_it(
+        crossing in -40.0..40.0f64, speed in 1.0..10.0f64, turning in prop_oneof![Just(0.0), -0.2..0.2f64],
+        distance in 10.0..50.0f64, pushes in prop::collection::vec(push(), 8), own in 2.0..10.0f64,
+    ) {
+        let yaw = if crossing > 0.0 { -1.3 } else { 1.3 };
+        let from = Pose::new(distance, crossing, yaw);
+        let predicted = Predicted { kind: ObstacleKind::Vehicle, from, speed, acceleration: 0.0, turning, interval: 0.1 };
+        let obstacle = predicted.obstacle();
+        let bounds = MotionBounds { vehicles_reverse: false, ..FREE };
+        let world = world(vec![obstacle.clone()]);
+        let set = world.predictions().grown(0.0, &bounds);
+        // not every problem has one, but most: too many without would fail the test
+        let plan = plan(&problem(&world, &set, own));
+        prop_assume!(plan.is_some());
+        for push in &pushes {
+            let motion = deviations(&obstacle, 0.0, &bounds, push);
+            let states = motion.iter().enumerate().step_by(10).map(|(i, deviation)| {
+                let time = STEP * i as f64;
+                let state = obstacle.state_at(time).unwrap();
+                // the sampling's steps may come out of the set by less than this
+                let pose = Pose { position: state.pose.position + deviation * 0.999, ..state.pose };
+                TimedPose { time, pose, ..state }
+            });
+            let moved = Obstacle { motion: Motion::Trajectory(states.collect()), ..obstacle.clone() };
+            let world = self::world(vec![moved]);
+            let met = problem(&world, world.predictions(), own);
+            prop_assert_eq!(plan.as_ref().map(|plan| prove(&met, plan)), Some(Ok(())), "{:?}", push);
+        }
+    }
+}
+
+/// The other half of the property above: it sees regions that are too small.
+#[test]
+fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
+    let push =
+        |direction: f64| Push { direction, turns_at: f64::INFINITY, noise: vec![(0.0, 0.0); 40], share_of_noise: 0.0 };
+    for turning in [0.0, 0.3] {
+        let from = Pose::new(0.0, 0.0, 0.4);
+        let kind = ObstacleKind::Vehicle;
+        let predicted = Predicted { kind, from, speed: 8.0, acceleration: 0.0, turning, interval: 0.1 };
+        let obstacle = predicted.obstacle();
+        let all = predictions(std::slice::from_ref(&obstacle));
+        let escapes = |small: &MotionBounds, directions: &[f64]| {
+            let grown = all.grown(0.0, small);
+            let out = |n: &f64| escape(&grown, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(*n)), turning);
+            directions.iter().map(out).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let last = 0.4 + turning * LASTING;
+        let (along, across) = ([last, last + PI], [last + FRAC_PI_2, last - FRAC_PI_2]);
+        assert!(escapes(&FREE, &along) <= 0.0 && escapes(&FREE, &across) <= 0.0);
+        assert!(escapes(&MotionBounds { along: 0.8 * FREE.along, ..FREE }, &along) > 0.5);
+        assert!(escapes(&MotionBounds { across: 0.5 * FREE.across, ..FREE }, &across) > 0.5);
+        let lane = MotionBounds { most_across: 0.5, ..FREE };
+        assert!(escapes(&lane, &across) > 0.5);
+    }
+    // 2 m/s for 6 s backwards come to 36 m, and it has 12 m to take back
+    let kind = ObstacleKind::Vehicle;
+    let slow =
+        Predicted { kind, from: Pose::new(0.0, 0.0, 0.0), speed: 2.0, acceleration: 0.0, turning: 0.0, interval: 0.1 };
+    let obstacle = slow.obstacle();
+    let grown =
+        predictions(std::slice::from_ref(&obstacle)).grown(0.0, &MotionBounds { vehicles_reverse: false, ..FREE });
+    let out = escape(&grown, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(PI)), 0.0);
+    assert!((out - 24.0).abs() < 1.5, "{out}");
+}
+
+#[test]
+fn bounds_of_zero_change_nothing_and_neither_does_the_present_moment() {
+    let kind = ObstacleKind::Vehicle;
+    let from = Pose::new(30.0, 10.0, -1.2);
+    let predicted = Predicted { kind, from, speed: 5.0, acceleration: 0.3, turning: 0.1, interval: 0.1 };
+    let world = world(vec![predicted.obstacle()]);
+    let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
+    let plain = world.blocked(&[&sweep], 0.0, LASTING);
+    assert!(!plain.is_free());
+    let none = MotionBounds { along: 0.0, across: 0.0, ..FREE };
+    assert_eq!(world.predictions().grown(0.0, &none).blocked(&[&sweep], 0.0, LASTING), plain);
+    let grown = world.predictions().grown(0.0, &FREE).blocked(&[&sweep], 0.0, LASTING);
+    assert!(grown.blocked_cells().count() > plain.blocked_cells().count());
+    // asked in between, the plain ones still say the same, from what is kept and from anew
+    assert_eq!(world.blocked(&[&sweep], 0.0, LASTING), plain);
+    // in the first slice nothing has moved by more than 0.5 · 2 · 0.1², 1 cm
+    let (all, grown) = (world.predictions(), world.predictions().grown(2.0, &FREE));
+    let now = &grown.tracks[0].slices[20 - grown.tracks[0].first].pieces[0];
+    let bare = &all.tracks[0].slices[20].pieces[0];
+    let farthest = now.points().iter().map(|p| bare.distance_to(&[*p, *p, *p])).fold(0.0, f64::max);
+    assert!(farthest > 1e-3 && farthest < 0.0105, "{farthest}");
+}
+
+#[test]
+fn pedestrians_may_turn_back_and_sets_of_the_file_stay_as_they_are() {
+    let walks = |kind| Predicted {
+        kind,
+        from: Pose::new(0.0, 0.0, 0.0),
+        speed: 1.0,
+        acceleration: 0.0,
+        turning: 0.0,
+        interval: 0.1,
+    };
+    let bounds = MotionBounds { vehicles_reverse: false, ..FREE };
+    let behind = |kind| {
+        let grown = predictions(&[walks(kind).obstacle()]).grown(0.0, &bounds);
+        grown.tracks[0].slices.last().unwrap().aabb.unwrap().mins.x
+    };
+    assert!((behind(ObstacleKind::Vehicle) + 2.1).abs() < 1e-6, "{}", behind(ObstacleKind::Vehicle));
+    assert!(behind(ObstacleKind::Pedestrian) < -30.0);
+    let region = Shape::rectangle(3.0, 2.0);
+    let sets = Motion::Occupancy(vec![TimedOccupancy { from: 0.0, to: LASTING, region: region.clone() }]);
+    let all = predictions(&[Obstacle { id: 1, kind: ObstacleKind::Vehicle, shape: region, motion: sets }]);
+    assert!(lies_in(&all.grown(0.0, &bounds), &all));
+}
+
+#[test]
+fn moved_turned_and_mirrored_predictions_grow_alike() {
+    for (turning, mirror) in [(0.3, 1.0), (0.3, -1.0), (0.0, -1.0)] {
+        let kind = ObstacleKind::Vehicle;
+        let predicted = |from: Pose, side: f64| Predicted {
+            kind,
+            from,
+            speed: 6.0,
+            acceleration: -0.5,
+            turning: side * turning,
+            interval: 0.1,
+        };
+        let bounds = MotionBounds { vehicles_reverse: false, most_across: 1.5, ..FREE };
+        let first = predictions(&[predicted(Pose::new(0.0, 0.0, 0.2), 1.0).obstacle()]).grown(0.5, &bounds);
+        let (turn, shift) = (2.5, Point::new(1.0e6, 1.0e6));
+        let frame = Pose { position: shift, yaw: turn };
+        let from = Pose { position: shift, yaw: wrap_angle(turn + mirror * 0.2) };
+        let obstacle = predicted(from, mirror).obstacle();
+        let moved = Predictions::new(&[obstacle], Origin::amid([&shift]), &CollisionSettings::default(), LASTING);
+        let moved = moved.grown(0.5, &bounds);
+        for (a, b) in first.tracks[0].slices.iter().zip(&moved.tracks[0].slices) {
+            let (a, b) = (&a.pieces[0], &b.pieces[0]);
+            for p in a.points() {
+                let there = moved.origin.local(frame.to_world(Point::new(p.x, mirror * p.y)));
+                assert!(b.distance_to(&[there, there, there]) < 1e-6);
+            }
+            for p in b.points() {
+                let back = frame.to_local(moved.origin.world(*p));
+                let back = Local::new(back.x, mirror * back.y);
+                assert!(a.distance_to(&[back, back, back]) < 1e-6);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_left_out_is_gone_until_its_time_and_nothing_else_is() {
+    let kind = ObstacleKind::Vehicle;
+    let along = |id: i64, y: f64| {
+        let from = Pose::new(0.0, y, 0.0);
+        let predicted = Predicted { kind, from, speed: 10.0, acceleration: 0.0, turning: 0.0, interval: 0.1 };
+        Obstacle { id, ..predicted.obstacle() }
+    };
+    let world = world(vec![along(1, 0.0), along(2, 0.5)]);
+    let sweep = world.sweep(&Pose::new(20.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(30.0));
+    let blocked = |predictions: &Predictions| predictions.blocked(&[&sweep], 0.0, LASTING);
+    let all = blocked(world.predictions());
+    let ids = |grid: &BlockedGrid, before: f64| {
+        let intervals = (0..grid.cells()).flat_map(|c| grid.intervals(c)).filter(|b| b.to <= before + 1e-9);
+        let mut ids: Vec<i64> = intervals.map(|b| b.obstacle).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    };
+    assert_eq!(ids(&all, LASTING), [1, 2][..1].to_vec(), "the first one to block a cell keeps it");
+    assert_eq!(ids(&blocked(&world.predictions().without(&[(1, f64::INFINITY)])), LASTING), [2]);
+    assert!(blocked(&world.predictions().without(&[(1, f64::INFINITY), (2, f64::INFINITY)])).is_free());
+    let later = blocked(&world.predictions().without(&[(1, 3.0), (2, f64::INFINITY)]));
+    assert!(ids(&later, 3.0).is_empty() && ids(&later, LASTING) == [1]);
+    let times = |grid: &BlockedGrid, from: f64| -> Vec<_> {
+        grid.blocked_cells().filter(|(_, t)| t.1 > from + 1e-9).map(|(s, t)| (s, (t.0.max(from), t.1))).collect()
+    };
+    assert_eq!(times(&later, 3.0), times(&all, 3.0));
+    assert_eq!(blocked(&world.predictions().without(&[])), all);
+    assert_eq!(blocked(world.predictions()), all, "what is kept with the sweep is still that of all");
+}
+
+/// The same without the slices before a time.
+fn after(predictions: &Predictions, time: f64) -> Predictions {
+    predictions.without(&predictions.tracks.iter().map(|t| (t.id, time)).collect::<Vec<_>>())
+}
+
+/// Whether all regions of `a` lie in those of `b`, piece by piece.
+fn lies_in(a: &Predictions, b: &Predictions) -> bool {
+    let (a, b) = (&a.tracks[0], &b.tracks[0]);
+    a.slices.iter().enumerate().all(|(i, slice)| {
+        let other = (a.first + i).checked_sub(b.first).and_then(|i| b.slices.get(i));
+        let Some(other) = other.filter(|o| !o.pieces.is_empty()) else { return true };
+        slice.pieces.iter().zip(&other.pieces).all(|(inner, outer)| {
+            inner.radius() <= outer.radius() && inner.points().iter().all(|p| outer.distance_to(&[*p, *p, *p]) < 1e-6)
+        })
+    })
+}
+
+fn world(obstacles: Vec<Obstacle>) -> CollisionWorld {
+    let scenario = Scenario {
+        id: "test".into(),
+        version: "2020a".into(),
+        time_step: 0.1,
+        network: RoadNetwork::default(),
+        obstacles,
+        occupancy: None,
+        problems: vec![],
+        issues: vec![],
+    };
+    let vehicle = crate::vehicle::load("bmw_320i").unwrap();
+    CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), LASTING).unwrap()
+}
+
+/// Straight on along x for 60 m.
+fn problem(world: &CollisionWorld, predictions: &Predictions, speed: f64) -> SpeedProblem {
+    let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
+    let grid = predictions.blocked(&[&sweep], 0.0, LASTING);
+    let intervals = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
+    let limits = AccelerationLimits { acceleration: 1.5, deceleration: 1.5, aggressive_deceleration: 4.0 };
+    SpeedProblem {
+        caps: vec![10.0; grid.stations().len()],
+        rest_allowed: vec![true; grid.stations().len()],
+        blocked: (0..grid.cells()).map(intervals).collect(),
+        blocked_at_start: intervals(0),
+        stations: grid.stations().to_vec(),
+        start_speed: speed,
+        start_time: 0.0,
+        horizon: LASTING,
+        limits,
+    }
+}
+
+fn plan(problem: &SpeedProblem) -> Option<SpeedProfile> {
+    let found = search(problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven()?;
+    let profile = smoothing::unsmoothed(problem, &found).unwrap();
+    assert_eq!(prove(problem, &profile), Ok(()));
+    Some(profile)
+}

@@ -1,0 +1,155 @@
+//! The joint choice of path and speed: candidates in the order of what they cost at least, the cheapest whose stop is
+//! proven wins.
+//!
+//! What a path costs without its speed is a lower bound of what the pair costs, so a path whose bound is not below the best
+//! pair's cost is not searched. The next paths in line are searched side by side, as many as there are threads; those that
+//! the result of one before makes needless are dropped uncounted. So the record, and with it every byte, is that of one
+//! path after another, whatever the number of threads.
+
+use rayon::prelude::*;
+
+use super::candidate::{Evaluation, Proven, delay};
+use super::record::{Candidate, Rejection};
+use super::{CycleRecord, Planner, Rung, Start};
+use crate::lattice::{LatticePath, rank};
+
+/// A path with its speed, ready to be committed.
+pub(super) struct Choice {
+    pub(super) lane: usize,
+    pub(super) candidate: usize,
+    pub(super) path: LatticePath,
+    pub(super) proven: Box<Proven>,
+    pub(super) deceleration: f64,
+    pub(super) cost: f64,
+    pub(super) is_refined: bool,
+}
+
+impl Planner<'_> {
+    /// Looks at the paths found on a lane, which are in the order of their cost, and replaces the best pair so far where one
+    /// is better.
+    pub(super) fn evaluate_all(
+        &self,
+        start: &Start,
+        lane: usize,
+        rung: Rung,
+        found: Vec<LatticePath>,
+        best: &mut Option<Choice>,
+        record: &mut CycleRecord,
+    ) {
+        let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
+        let situation = self.situation(start, on, rung);
+        let free = situation.free_progress();
+        let mut rest = found.into_iter();
+        loop {
+            let group: Vec<LatticePath> = rest.by_ref().take(rayon::current_num_threads()).collect();
+            let limit = best.as_ref().map(|b| rank(b.cost));
+            let evaluate = |path: &LatticePath| is_worth_it(path, limit).then(|| situation.evaluate(path));
+            let evaluations: Vec<_> = match group.as_slice() {
+                [] => return,
+                [one] => vec![evaluate(one)],
+                several => several.par_iter().map(evaluate).collect(),
+            };
+            for (path, evaluation) in group.into_iter().zip(evaluations) {
+                let evaluation = evaluation.filter(|_| is_worth_it(&path, best.as_ref().map(|b| rank(b.cost))));
+                let mut note = Candidate {
+                    path: path.path.clone(),
+                    lane,
+                    attempt: record.attempt,
+                    cost: path.terms.total(),
+                    terms: path.terms,
+                    rejected: None,
+                };
+                note.rejected = match evaluation {
+                    None => Some(Rejection::Dearer),
+                    Some(Evaluation::Rejected { why, expansions }) => {
+                        record.expansions += expansions;
+                        Some(why)
+                    }
+                    Some(Evaluation::Proven(proven)) => {
+                        record.expansions += proven.expansions;
+                        note.terms.delay = delay(self.settings, free - proven.progress, &note.terms);
+                        note.cost = note.terms.total();
+                        let candidate = record.candidates.len();
+                        let (deceleration, cost) = (rung.deceleration, note.cost);
+                        let pair = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
+                        take_if_better(best, pair, record)
+                    }
+                };
+                record.candidates.push(note);
+            }
+        }
+    }
+}
+
+/// Whether a path may still become a better pair than the one of the rank `limit`.
+fn is_worth_it(path: &LatticePath, limit: Option<i64>) -> bool {
+    limit.is_none_or(|limit| rank(path.terms.total()) < limit)
+}
+
+/// Makes the pair the best one if it is, and if its speed is proved again; why not otherwise.
+fn take_if_better(best: &mut Option<Choice>, pair: Choice, record: &mut CycleRecord) -> Option<Rejection> {
+    if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(pair.cost)) {
+        return Some(Rejection::Dearer);
+    }
+    if pair.proven.proved_again().is_err() {
+        return Some(Rejection::Refuted);
+    }
+    if let Some(passed) = best.replace(pair) {
+        record.reject(passed.candidate, Rejection::Dearer);
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::candidate::fault::ENDS_MOVING;
+    use super::super::{Cycle, Decision, Settings};
+    use super::*;
+    use crate::vehicle::State;
+
+    /// The first cycle of one of the project's own maps, on so many threads.
+    fn first_cycle(map: &str, threads: usize, faulty: bool) -> Cycle {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("maps").join(map);
+        let scenario = crate::io::commonroad::read_file(&file).unwrap();
+        let vehicle = crate::vehicle::load("bmw_320i").unwrap();
+        let problem = &scenario.problems[0];
+        let settings = Settings::default();
+        let state = State {
+            time: 0.0,
+            pose: vehicle.rear_axle_of_centre(&problem.initial.centre),
+            speed: problem.initial.speed,
+            acceleration: 0.0,
+            yaw_rate: 0.0,
+            steering: 0.0,
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            ENDS_MOVING.set(faulty);
+            Planner::new(&scenario, problem, &vehicle, &settings, 30.0).unwrap().cycle(&state)
+        })
+    }
+
+    #[test]
+    fn a_searched_profile_that_fails_its_second_proof_is_never_committed() {
+        let sound = first_cycle("straight_100m.xml", 1, false);
+        assert!(matches!(sound.decision, Decision::NewPlan { .. }));
+        assert_eq!(sound.rejections(Rejection::Refuted), 0);
+        let faulty = first_cycle("straight_100m.xml", 1, true);
+        assert_eq!(faulty.decision, Decision::Unproven);
+        assert!(faulty.rejections(Rejection::Refuted) > 0 && faulty.chosen.is_none());
+    }
+
+    #[test]
+    fn searching_ahead_on_more_threads_changes_no_record() {
+        for map in ["slalom.xml", "pedestrian.xml"] {
+            let one = first_cycle(map, 1, false);
+            for threads in [2, 3, 7] {
+                let several = first_cycle(map, threads, false);
+                let untimed = Cycle { stage_seconds: one.stage_seconds, ..several };
+                assert!(untimed == one, "{map} on {threads} threads");
+            }
+        }
+    }
+}
