@@ -78,3 +78,17 @@ fn a_goal_is_reached_whatever_the_length_of_a_physics_step() {
         assert!(run.verdict.pass(), "{step} s: {:?}", run.verdict.first_failure());
     }
 }
+
+/// Plans are made anew ten times a second, long before a jerk-limited one has come to move.
+#[test]
+fn a_vehicle_at_rest_drives_off_at_every_jerk() {
+    let vehicle = vehicle::load("bmw_320i").unwrap();
+    for (speed, jerk) in [(0.0, 0.5), (0.0, 1.0), (0.0, 1.8), (0.001, 1.8), (0.01, 1.8), (0.0, 2.5), (0.0, 10.0)] {
+        let mut scenario = straight();
+        scenario.problems[0].initial.speed = speed;
+        let mut settings = Settings::default();
+        settings.planner.jerk = jerk;
+        let run = drive::drive(&scenario, &scenario.problems[0], &vehicle, &settings, &mut |_, _| {}).unwrap();
+        assert_eq!(run.outcome, Outcome::GoalReached, "from {speed} m/s with {jerk} m/s³");
+    }
+}

@@ -190,7 +190,7 @@ impl Settings {
             ("planner.longest_horizon", p.longest_horizon, "1 to 1000 m", 1.0, 1000.0),
             ("planner.cruise_speed", p.cruise_speed, "at most 150 m/s", 0.0, 150.0),
             // passengers feel nothing below, and a vehicle that may change its acceleration no faster cannot stop in time
-            ("planner.jerk", p.jerk, "0.1 to 1000 m/s³", 0.1, 1000.0),
+            ("planner.jerk", p.jerk, "0.5 to 1000 m/s³", 0.5, 1000.0),
             ("run.longest", self.run.longest, "1 to 3600 s", 1.0, 3600.0),
             ("run.replan_interval", self.run.replan_interval, "0.01 to 1 s", 0.01, 1.0),
         ];
@@ -322,7 +322,7 @@ mod tests {
             ("[run]\nrest = 1e300", "at most 3600 s"),
             ("[planner.lattice]\nsteepest = 11.0", "at most 10"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
-            ("[planner]\njerk = 1e-9", "0.1 to 1000 m/s³"),
+            ("[planner]\njerk = 1e-9", "0.5 to 1000 m/s³"),
             ("[planner.lattice]\ngrid = 1e-6", "0.5 to 100 m"),
             ("[planner.lattice]\nroot_layers = 0", "1 to 20"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 0.0", "planner.emergency[0].deceleration"),

@@ -11,7 +11,7 @@
 //! ```
 //!
 //! `ŝ, v̂` is the searched plan. It passes each blocked interval before or after; that order is kept, and one row for each
-//! interval that matters is exact at any time between knots ([`corridor`]). Caps are tangents at the station that the
+//! interval that matters is exact at any time between knots (`corridor`). Caps are tangents at the station that the
 //! solution before had at that time, which is an approximation, and soft: so the result is **proved again**
 //! ([`super::prove`]).
 //!
@@ -196,6 +196,14 @@ mod tests {
             assert!((reached.acceleration - pair[1].acceleration).abs() < 0.1, "acceleration jumps at {pair:?}");
         }
         smooth
+    }
+
+    #[test]
+    fn who_drives_off_keeps_the_acceleration_it_has_and_who_has_just_stopped_has_none() {
+        let problem = empty_road(100.0, 0.0);
+        let begins = |acceleration: f64| check(&problem, acceleration).knots()[0].acceleration;
+        assert!((begins(0.3) - 0.3).abs() < 1e-9);
+        assert_eq!((begins(0.0), begins(-0.5)), (0.0, 0.0));
     }
 
     #[test]

@@ -64,8 +64,16 @@ impl<'a> Program<'a> {
         if first.speed <= 0.0 && standing == knots.len() {
             return None;
         }
-        // who stands has no acceleration left
-        let acceleration = if first.speed > 0.0 { start_acceleration } else { 0.0 };
+        // Who stands and waits has no acceleration left. Who drives off keeps what it has, or a plan made anew before it
+        // has come to move would begin from nothing every time.
+        let drives_off = standing == 1;
+        let acceleration = if first.speed > 0.0 {
+            start_acceleration
+        } else if drives_off {
+            start_acceleration.max(0.0)
+        } else {
+            0.0
+        };
         let times = knot_times(searched.duration() - start.time + settings.extra_time, settings.step);
         let wanted = times.iter().map(|t| searched.at(start.time + t)).collect();
         let corridor = Corridor::new(problem, searched);
