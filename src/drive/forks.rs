@@ -57,6 +57,7 @@ struct Waiting {
     is_change: bool,
     trajectory: Trajectory,
     promised: f64,
+    inherited: f64,
 }
 
 impl<'a> Forks<'a> {
@@ -90,15 +91,16 @@ impl<'a> Forks<'a> {
             return;
         }
         let is_due = cycle.time - self.last_sample >= self.settings.fallbacks.interval - ROUNDING;
-        let is_change = before.is_some_and(|b| differ(&b, &cycle.committed, cycle.time));
+        let is_change = before.as_ref().is_some_and(|b| differ(b, &cycle.committed, cycle.time));
+        let inherited = before.map_or(0.0, |b| -b.at(cycle.time).acceleration);
         if !is_due && is_change && self.changes >= self.settings.fallbacks.changes {
             self.left_out += 1;
         } else if is_due || is_change {
             self.changes += usize::from(!is_due);
             self.last_sample = cycle.time;
             self.is_sampled = true;
-            let (trajectory, promised) = (cycle.committed.clone(), self.promised);
-            self.waiting.push(Waiting { world: world.clone(), cycle: number, is_change, trajectory, promised });
+            let (world, trajectory, promised) = (world.clone(), cycle.committed.clone(), self.promised);
+            self.waiting.push(Waiting { world, cycle: number, is_change, trajectory, promised, inherited });
         }
         if self.waiting.len() >= BATCH {
             self.drive();
@@ -109,9 +111,9 @@ impl<'a> Forks<'a> {
     fn drive(&mut self) {
         let (judge, settings) = (&self.judge, &self.settings);
         let assess = |waiting: Waiting| {
-            let Waiting { world, cycle, is_change, trajectory, promised } = waiting;
+            let Waiting { world, cycle, is_change, trajectory, promised, inherited } = waiting;
             let log = driven(world, &trajectory, settings.rest_speed);
-            let fork = Fork { cycle, is_change, trajectory: &trajectory, promised, log: &log };
+            let fork = Fork { cycle, is_change, trajectory: &trajectory, promised, inherited, log: &log };
             judge.assess(&fork)
         };
         self.judged.par_extend(std::mem::take(&mut self.waiting).into_par_iter().map(assess));

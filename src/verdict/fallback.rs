@@ -9,8 +9,8 @@
 //! - its trajectory ends at rest, begins within [`FARTHEST_START`] of the vehicle, and the vehicle comes to rest,
 //! - neither the rig nor the judge's own geometry sees a contact, until it rests and for [`FallbackSettings::hold`] after,
 //! - it rests at most [`Settings::stop_past`] beyond the planned stop and [`Settings::stop_short`] before it,
-//! - it brakes no harder than its plan says it may (filtered as comfort is, with [`Settings::comfort_margin`]); what the
-//!   vehicle was doing before lasts for [`HANDOVER`],
+//! - it brakes no harder than its plan says it may (filtered as comfort is, with [`Settings::comfort_margin`]), or than the
+//!   plan before it did, whose braking is to be released at [`RELEASE`] at least after [`HANDOVER`],
 //! - it stays on the road, or goes no farther off it than the vehicle was.
 //!
 //! The limit of the deceleration is read from the planner's record: it is a promise, and a promise is what is judged.
@@ -34,8 +34,10 @@ use crate::vehicle::Vehicle;
 
 /// Farthest that a fallback may begin from where the vehicle is, m: a plan for another place is none.
 const FARTHEST_START: f64 = 1.5;
-/// How long the braking of the plan before may last, s: the lag of the brakes and the width of the filter.
-const HANDOVER: f64 = 0.5;
+/// How long the braking of the plan before may last in full, s: the lag of the brakes.
+const HANDOVER: f64 = 0.1;
+/// How fast it has to be released then, m/s³: a gentler release is felt as brakes that stick.
+const RELEASE: f64 = 1.5;
 /// Time between two looks at a vehicle that rests, s.
 const WATCH: f64 = 0.02;
 /// Way between two looks at the road, m.
@@ -52,6 +54,8 @@ pub struct Fork<'a> {
     pub trajectory: &'a Trajectory,
     /// Largest deceleration that the plan and its proof promise, m/s².
     pub promised: f64,
+    /// Deceleration that the plan before wanted at the moment of the cycle, m/s²; negative if it accelerated.
+    pub inherited: f64,
     /// What the rig measured, from the cycle to rest.
     pub log: &'a Log,
 }
@@ -253,10 +257,10 @@ fn broken_numbers(fork: &Fork<'_>, time: f64) -> Option<Finding> {
 fn brakes(fork: &Fork<'_>, settings: &Settings) -> Option<Finding> {
     let felt = Felt::new(fork.log, settings.comfort_cutoff);
     let begun = *felt.moments.first()?;
-    let allowed = (1.0 + settings.comfort_margin) * fork.promised;
+    let inherited = fork.inherited.max(-begun.acceleration);
     let limit = |time: f64| {
-        let before = if time - begun.time <= HANDOVER { -begun.acceleration } else { 0.0 };
-        allowed.max(before)
+        let released = RELEASE * (time - begun.time - HANDOVER).max(0.0);
+        (1.0 + settings.comfort_margin) * fork.promised.max(inherited - released)
     };
     let (_, worst) = felt.worst(|m| -m.acceleration / limit(m.time))?;
     let what = format!("brakes at {:.2} m/s², promised are {:.2}", -worst.acceleration, fork.promised);
@@ -305,4 +309,134 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize) -> Option<Check> 
             fallbacks.len()
         ),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::Story;
+    use super::*;
+    use crate::geometry::Point;
+    use crate::simulation::{Contact, Touched};
+    use crate::trajectory::SpeedProfile;
+
+    /// The clean run as if it were a fork: it brakes at 2 m/s² at most and rests at x = 82 m from 13 s on.
+    fn assessed(s: &Story, promised: f64, inherited: f64) -> Fallback {
+        let trajectory = &s.cycles[0].committed;
+        let fork = Fork { cycle: 3, is_change: false, trajectory, promised, inherited, log: &s.log };
+        FallbackJudge::new(&s.scenario, &s.vehicle, &s.settings).assess(&fork)
+    }
+
+    fn kind(s: &Story) -> Option<Kind> {
+        let found = assessed(s, 2.2, 0.0);
+        (!found.holds()).then_some(found.worst.kind)
+    }
+
+    #[test]
+    fn the_clean_run_is_a_fallback_that_holds() {
+        let found = assessed(&Story::clean(), 2.2, 0.0);
+        assert!(found.holds(), "{found:?}");
+        assert!((found.planned_distance - 72.0).abs() < 1e-9 && found.stop_error.unwrap().abs() < 1e-6, "{found:?}");
+        let check = fallback_stops(&[found], 0).unwrap();
+        assert!(check.pass && check.unit == "m/s²" && (check.value - 2.0).abs() < 0.01, "{check:?}");
+        assert!(check.note.contains("from cycle 3 at 0.00 s"), "{check:?}");
+        assert_eq!(fallback_stops(&[], 4), None);
+    }
+
+    /// What has to be found, what is broken, and how.
+    type Breakage = (Kind, &'static str, fn(&mut Story));
+
+    #[test]
+    fn each_broken_fallback_is_found_for_what_is_broken() {
+        let broken: [Breakage; 11] = [
+            (Kind::Contact, "a parked car's edge in the way", |s| {
+                s.scenario.obstacles[0] = s.place.parked(100, 60.0, 1.69);
+            }),
+            (Kind::Contact, "a contact that only the rig saw", |s| {
+                let (with, at_rear_axle_frame) = (Touched::Obstacle(101), Point::new(3.6, 0.0));
+                s.log.contact = Some(Contact { time: 3.0, with, at_rear_axle_frame, speed: 8.0 });
+            }),
+            (Kind::Contact, "a car that drives into the vehicle three seconds after the log's end", |s| {
+                s.scenario.obstacles[1] = s.place.moving(101, (14.0, 18.0), (140.0, 0.0), (84.0, 0.0));
+            }),
+            (Kind::Rest, "a plan that ends moving", |s| {
+                let knots = s.cycles[0].committed.profile.knots()[..2].to_vec();
+                s.cycles[0].committed.profile = SpeedProfile::new(knots).unwrap();
+            }),
+            (Kind::Rest, "a vehicle that is still moving", |s| s.log.samples.truncate(1100)),
+            (Kind::Stop, "a rest 0.15 m beyond the planned one", |s| {
+                s.displace(|m| (0.15 * m.time.min(13.0) / 13.0, 0.0));
+            }),
+            (Kind::Stop, "a rest 0.4 m before the planned one", |s| {
+                s.displace(|m| (-0.4 * m.time.min(13.0) / 13.0, 0.0));
+            }),
+            (Kind::Road, "a hole in the road", |s| {
+                let hole = s.place.lanelet(2, (71.0, 130.0), -1.75, 1.75);
+                s.scenario.network.lanelets.insert(2, hole);
+            }),
+            (Kind::Braking, "2.8 m/s²", |s| {
+                for m in &mut s.log.samples {
+                    m.acceleration -= super::super::testing::bump(m.time, 1.0, 3.0, 2.8);
+                }
+            }),
+            (Kind::Start, "a plan for another place", |s| {
+                let x = 10.0 - s.vehicle.rear_axle_to_centre;
+                // beside, so that the stop is where it was along the way
+                s.cycles[0].committed.path = s.place.straight(x, 1.6, 72.0);
+            }),
+            (Kind::Numbers, "a number that is not finite", |s| s.log.broke_at = Some(3.0)),
+        ];
+        for (expected, what, break_it) in broken {
+            let mut s = Story::clean();
+            break_it(&mut s);
+            assert_eq!(kind(&s), Some(expected), "{what}: {:?}", assessed(&s, 2.2, 0.0));
+        }
+    }
+
+    #[test]
+    fn rest_is_watched_only_as_long_as_the_settings_say() {
+        let mut s = Story::clean();
+        s.scenario.obstacles[1] = s.place.moving(101, (14.0, 18.0), (140.0, 0.0), (84.0, 0.0));
+        s.settings.fallbacks.hold = 1.0;
+        assert_eq!(kind(&s), None);
+    }
+
+    #[test]
+    fn inherited_braking_is_let_go_while_it_is_released_and_no_longer() {
+        let mut s = Story::clean();
+        // 4 m/s² at the start, released at 1.8 m/s³
+        for m in &mut s.log.samples {
+            m.acceleration -= (4.0 - 1.8 * m.time).max(0.0);
+        }
+        assert!(assessed(&s, 2.2, 4.0).holds());
+        // held for 1.5 s
+        let mut s = Story::clean();
+        for m in s.log.samples.iter_mut().filter(|m| m.time < 1.5) {
+            m.acceleration -= 4.0;
+        }
+        let found = assessed(&s, 2.2, 4.0);
+        assert!(!found.holds() && found.worst.kind == Kind::Braking, "{found:?}");
+    }
+
+    #[test]
+    fn a_vehicle_that_was_off_the_road_may_return_but_not_go_farther_off() {
+        let mut s = Story::clean();
+        s.displace(|m| (0.0, 1.5 * (1.0 - m.time / 5.0).max(0.0)));
+        s.cycles[0].committed.path = s.place.straight(10.0 - s.vehicle.rear_axle_to_centre, 0.5, 72.0);
+        assert_eq!(kind(&s), None);
+        s.displace(|m| (0.0, super::super::testing::bump(m.time, 0.5, 2.0, 1.0)));
+        assert_eq!(kind(&s), Some(Kind::Road));
+    }
+
+    #[test]
+    fn a_promise_that_is_broken_outweighs_kept_ones_and_a_graver_one_a_lesser_one() {
+        let mut past = Story::clean();
+        past.displace(|m| (0.15 * m.time.min(13.0) / 13.0, 0.0));
+        let mut hit = Story::clean();
+        hit.scenario.obstacles[0] = hit.place.parked(100, 60.0, 1.69);
+        let all = [&Story::clean(), &past, &hit, &past].map(|s| assessed(s, 2.2, 0.0));
+        let check = fallback_stops(&all, 2).unwrap();
+        assert!(!check.pass && check.note.contains("overlaps obstacle 100"), "{check:?}");
+        assert!(check.note.contains("2 changes not sampled; 3 failed"), "{check:?}");
+        assert!((check.value - (0.805 - (1.69 - 0.9))).abs() < 1e-9);
+    }
 }

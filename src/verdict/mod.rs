@@ -17,15 +17,17 @@
 //! | `comfort_lateral_jerk` | filtered extreme | only asked where the preset has a limit |
 //! | `tracking` | lateral distance from the wanted pose, m | ≤ [`Settings::tracking`] |
 //! | `goal` | goal conditions not met at the best time step | = 0 |
+//! | `stop_needed` | free way straight ahead of the rest, m | ≤ 10 m |
 //!
 //! A check holds when its value is at most its limit; only `stop_proven`, a share, has to reach its limit.
 //!
 //! **Which of `goal` and `stops` is asked** is one rule, [`Expectation`]: a run that ends because the way is blocked
-//! can't reach its goal and is judged by its stop instead; every other run is judged by its goal. `stops` is also
+//! can't reach its goal and is judged by its stop instead, and by whether something was in its way (`stop_needed`); every
+//! other run is judged by its goal. `stops` is also
 //! asked of a run that aims for the goal if it ended at rest where its plan wanted it to stop, or should have.
 //!
 //! Weak where: a contact between two samples (10 ms) of something thinner than the way driven meanwhile is seen only
-//! by the rig; the judge does not ask whether the way really was blocked, nor who caused a contact.
+//! by the rig; the judge does not ask who caused a contact; what was in the way is looked for straight ahead only.
 
 mod cells;
 mod comfort;
@@ -35,6 +37,7 @@ mod filter;
 mod goal;
 mod metrics;
 mod presets;
+mod reason;
 mod road;
 mod settings;
 mod shapes;
@@ -114,7 +117,7 @@ pub enum Expectation {
     /// To meet the problem's goal: the check `goal` is asked. For every outcome but a safe stop.
     #[default]
     Goal,
-    /// To be at rest where the plan said: the check `stops` is asked, `goal` is not. For the outcome
+    /// To be at rest where the plan said: the checks `stops` and `stop_needed` are asked, `goal` is not. For the outcome
     /// `stopped_safely`, where the way ends or is blocked.
     Stop,
 }
@@ -137,8 +140,9 @@ pub fn judge(
         checks.push(stops::stop_proven(cycles));
         checks.extend(comfort::comfort(vehicle, log, settings));
         checks.push(tracking::tracking(log, settings));
-        if settings.expect == Expectation::Goal {
-            checks.push(goal::goal(scenario, problem, vehicle, log));
+        match settings.expect {
+            Expectation::Goal => checks.push(goal::goal(scenario, problem, vehicle, log)),
+            Expectation::Stop => checks.extend(reason::stop_needed(scenario, problem, vehicle, log, settings)),
         }
     }
     Verdict { checks }
