@@ -4,6 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
+use crate::drive::Faults;
+use crate::verdict::ComfortPreset;
+
 /// Shown at the end of `--help`.
 const EXIT_CODES: &str = "Exit codes:
   0  it ran and every check held
@@ -150,13 +153,26 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE.yaml")]
     pub(super) grid: Option<PathBuf>,
 
+    /// Whose limits of comfort count: safetlp (the vehicle's own), iso15622, iso11270, r157.
+    #[arg(long, value_name = "PRESET")]
+    pub(super) comfort: Option<ComfortPreset>,
+
+    /// Drive what is planned to rest in a forked world every so many seconds; `off` for never. Half a second if not given.
+    #[arg(long, value_name = "S|off", value_parser = fallback_interval)]
+    pub(super) fallbacks: Option<FallbackInterval>,
+
+    /// A fault for the rig that the planner does not know of; repeatable: delay=S, friction=FACTOR, mass=FACTOR, noise=M,
+    /// missed_cycles=N.
+    #[arg(long, value_name = "NAME=VALUE", value_parser = fault)]
+    pub(super) inject: Vec<String>,
+
     /// Which planning problem of the file; needed if it has several.
     #[arg(long, value_name = "ID", allow_negative_numbers = true)]
     pub(super) problem: Option<i64>,
 
-    /// Kept in the result. Nothing is random today.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub(super) seed: u64,
+    /// Seed of what is random: the noise of `--inject noise`. Kept in the result.
+    #[arg(long, value_name = "N")]
+    pub(super) seed: Option<u64>,
 
     /// Threads to plan with; all cores if not given. The result does not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
@@ -203,6 +219,22 @@ fn bin_width(text: &str) -> Result<f64, String> {
 
 fn number_in(text: &str, range: std::ops::RangeInclusive<f64>, expected: &str) -> Result<f64, String> {
     text.parse().ok().filter(|x| range.contains(x)).ok_or_else(|| expected.to_owned())
+}
+
+/// How often fallbacks are driven.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum FallbackInterval {
+    Off,
+    Seconds(f64),
+}
+
+fn fallback_interval(text: &str) -> Result<FallbackInterval, String> {
+    if text == "off" { Ok(FallbackInterval::Off) } else { seconds(text).map(FallbackInterval::Seconds) }
+}
+
+/// A fault by itself is as it should be; what is injected twice counts as it was last.
+fn fault(text: &str) -> Result<String, String> {
+    Faults::default().inject(text).map(|()| text.to_owned())
 }
 
 /// A time that is a number and not negative, s.

@@ -95,7 +95,7 @@ fn show(bar: &ProgressBar, time: f64, end: f64) {
 
 /// Everything that is said of a run.
 pub(super) fn result_of(job: &Job, run: &Run) -> Summary {
-    let metrics = verdict::metrics(run.scenario, run.vehicle, &run.cycles, &run.log, &verdict::Settings::default());
+    let metrics = verdict::metrics(run.scenario, run.vehicle, &run.cycles, &run.log, &job.settings.verdict);
     let mut summary = Summary {
         held: held(job.kind, run),
         metrics,

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use super::Failure;
-use super::args::RunArgs;
+use super::args::{FallbackInterval, RunArgs};
 use super::engine::Settings;
 use crate::io::{commonroad, files, ros_map};
 use crate::map::{PlanningProblem, Scenario};
 use crate::vehicle::{self, Vehicle};
+use crate::verdict::ComfortPreset;
 
 /// Which command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,7 +67,8 @@ impl Job {
             scenario.overlay(ros_map::read_file(file).map_err(Failure::file)?, &file.display().to_string());
         }
         let problem = choose(&scenario, args.problem, &args.scenario)?;
-        let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
+        let mut settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
+        apply(kind, (args.comfort, args.fallbacks), (&args.inject, args.seed), &mut settings)?;
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
         if outputs.solution.is_some() && vehicle.commonroad_type.is_none() {
             let reason = format!("--solution needs a vehicle with a CommonRoad type; {} has none", vehicle.name);
@@ -78,8 +80,8 @@ impl Job {
             scenario,
             problem,
             vehicle,
+            seed: settings.faults.seed,
             settings,
-            seed: args.seed,
             threads: args.threads,
             outputs,
             quiet: args.quiet,
@@ -106,6 +108,33 @@ fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Fa
             ids()
         ))),
     }
+}
+
+/// What was typed goes before what a file says.
+fn apply(
+    kind: Kind,
+    (comfort, fallbacks): (Option<ComfortPreset>, Option<FallbackInterval>),
+    (inject, seed): (&[String], Option<u64>),
+    settings: &mut Settings,
+) -> Result<(), Failure> {
+    let wrong = |what: &str| Failure::Use(what.to_owned());
+    if kind == Kind::Plan && !inject.is_empty() {
+        return Err(wrong("--inject: a plan is not driven, so nothing can go wrong with it"));
+    }
+    settings.verdict.comfort = comfort.unwrap_or(settings.verdict.comfort);
+    match fallbacks {
+        Some(FallbackInterval::Off) => settings.verdict.fallbacks.enabled = false,
+        Some(FallbackInterval::Seconds(interval)) => {
+            settings.verdict.fallbacks.enabled = true;
+            settings.verdict.fallbacks.interval = interval;
+        }
+        None => {}
+    }
+    for fault in inject {
+        settings.faults.inject(fault).map_err(|e| wrong(&format!("--inject: {e}")))?;
+    }
+    settings.faults.seed = seed.unwrap_or(settings.faults.seed);
+    settings.validate().map_err(|e| wrong(&e.to_string()))
 }
 
 /// Reads settings from TOML and checks their ranges.

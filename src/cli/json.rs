@@ -84,6 +84,9 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
         planning.insert("proven_against_set".into(), json!(count));
     }
     let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
+    if run.faults.is_any() {
+        put("faults", serde_json::to_value(run.faults).unwrap_or_default());
+    }
     put("issues", issues(run));
     if job.kind == Kind::Plan {
         put("plan", plan(run, samples));

@@ -1,14 +1,23 @@
 //! The closed loop: plan, execute a tenth of a second in physics, plan again; then judge.
+//!
+//! Meanwhile worlds are forked (`forks`), in which the plan of a moment is driven to its end; and things may be made to go
+//! wrong on purpose (`faults`). Who plans and who controls can be changed ([`Driver`]): the verdict has to notice.
 
+mod faults;
+mod forks;
 mod settings;
 
+pub use faults::{Faults, YAW_PER_METRE};
 pub use settings::{RunSettings, Settings, SettingsError};
 
+use std::sync::Arc;
+
+use self::forks::Forks;
 use crate::map::{Motion, PlanningProblem, Scenario};
-use crate::planner::{Cycle, Planner, PlannerError, Rejection};
-use crate::simulation::{Log, SimulationError, World};
+use crate::planner::{Cycle, NoLane, Planner, PlannerError, Rejection};
+use crate::simulation::{self, Controls, Log, SimulationError, TrackingController, World};
 use crate::vehicle::{State, Vehicle};
-use crate::verdict::{self, Expectation, GoalWatch, Verdict};
+use crate::verdict::{self, Expectation, Fallback, GoalWatch, Verdict};
 
 /// A finished run (or a single planning cycle, whose log is empty).
 #[derive(Debug)]
@@ -23,6 +32,10 @@ pub struct Run<'a> {
     pub cycles: Vec<Cycle>,
     /// What the rig measured; empty for a single planning cycle.
     pub log: Log,
+    /// What the plans came to that were driven to rest in forked worlds, in order of their cycles.
+    pub fallbacks: Vec<Fallback>,
+    /// What was made to go wrong.
+    pub faults: Faults,
     /// How it ended.
     pub outcome: Outcome,
     /// Why, as a stable code, where the outcome alone does not say it.
@@ -79,6 +92,56 @@ pub enum DriveError {
     Simulation(#[from] SimulationError),
 }
 
+/// Who plans: once a cycle, what to follow from now on. [`Planner`] does; tests put others there.
+pub trait Plans {
+    /// One planning cycle for a vehicle that takes itself to be in `state`.
+    fn cycle(&mut self, state: &State) -> Cycle;
+
+    /// Why there is no lane to plan on, if there is none.
+    fn no_lane(&self) -> Option<NoLane> {
+        None
+    }
+}
+
+impl Plans for Planner<'_> {
+    fn cycle(&mut self, state: &State) -> Cycle {
+        Planner::cycle(self, state)
+    }
+
+    fn no_lane(&self) -> Option<NoLane> {
+        Planner::no_lane(self)
+    }
+}
+
+/// Who drives: plans, and follows them.
+pub struct Driver<'p> {
+    /// Makes the plans.
+    pub plans: &'p mut dyn Plans,
+    /// Follows them.
+    pub controls: Arc<dyn Controls>,
+}
+
+impl<'p> Driver<'p> {
+    /// Follows plans with the rig's own controller.
+    pub fn following(plans: &'p mut dyn Plans) -> Self {
+        Self { plans, controls: Arc::new(TrackingController) }
+    }
+}
+
+/// The planner that [`drive`] drives with: one that knows when the run ends.
+///
+/// # Errors
+/// A setting of the planner out of its range.
+pub fn planner<'a>(
+    scenario: &'a Scenario,
+    problem: &'a PlanningProblem,
+    vehicle: &'a Vehicle,
+    settings: &'a Settings,
+) -> Result<Planner<'a>, PlannerError> {
+    let ends = latest_end(&GoalWatch::new(scenario, problem), begin(scenario, problem), settings);
+    Planner::new(scenario, problem, vehicle, &settings.planner, ends)
+}
+
 /// Drives the vehicle through the scenario in physics and judges what happened. `progress` hears the time of the run and
 /// its latest possible end, s.
 ///
@@ -92,12 +155,31 @@ pub fn drive<'a>(
     progress: &mut dyn FnMut(f64, f64),
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
+    let mut planner = planner(scenario, problem, vehicle, settings)?;
+    drive_with(scenario, problem, vehicle, settings, Driver::following(&mut planner), progress)
+}
+
+/// Drives as [`drive`] does, with whoever plans and controls. Scenario, problem and vehicle are the truth, in which the rig
+/// drives and by which the verdict judges, whatever the driver takes them for.
+///
+/// # Errors
+/// Settings out of their range. How the run ends is an [`Outcome`].
+pub fn drive_with<'a>(
+    scenario: &'a Scenario,
+    problem: &'a PlanningProblem,
+    vehicle: &'a Vehicle,
+    settings: &Settings,
+    driver: Driver<'_>,
+    progress: &mut dyn FnMut(f64, f64),
+) -> Result<Run<'a>, DriveError> {
+    settings.validate()?;
+    let Driver { plans, controls } = driver;
     let watch = GoalWatch::new(scenario, problem);
-    let begins = problem.initial.time_step as f64 * scenario.time_step;
+    let begins = begin(scenario, problem);
     let ends = latest_end(&watch, begins, settings);
-    let mut planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
     let mut run = Run::unstarted(scenario, problem, vehicle);
-    if let Some(reason) = planner.no_lane() {
+    run.faults = settings.faults;
+    if let Some(reason) = plans.no_lane() {
         run.reason = Some(reason.code());
         return Ok(run);
     }
@@ -106,17 +188,18 @@ pub fn drive<'a>(
         run.reason = Some("goal_time_is_past");
         return Ok(run);
     }
-    let initial = initial_state(problem, vehicle, begins);
-    let mut world = World::new(vehicle, &scenario.obstacles, &initial, &settings.simulation)?;
-    if let Some(grid) = &scenario.occupancy {
-        world = world.with_occupancy(grid);
-    }
+    let mut world = rig(scenario, problem, vehicle, settings, begins)?.controlled_by(controls);
+    let mut forks = Forks::new(scenario, vehicle, &settings.verdict);
     let stops_at_goal = stops_at_goal(problem);
     let mut judged: usize = 0;
     loop {
-        let state = world.state();
+        let state = world.localised();
         progress(state.time, ends);
-        let cycle = planner.cycle(&state);
+        let cycle = match run.cycles.last().filter(|_| settings.faults.misses(run.cycles.len())) {
+            Some(last) => faults::missed(last, state.time),
+            None => plans.cycle(&state),
+        };
+        forks.consider(&world, &cycle, run.cycles.len());
         let until = (state.time + settings.run.replan_interval).min(ends);
         world.follow(&cycle.committed, until, &mut run.log);
         run.cycles.push(cycle);
@@ -139,8 +222,28 @@ pub fn drive<'a>(
         }
     }
     run.explain();
-    run.judge();
+    run.judge(&settings.verdict, forks);
     Ok(run)
+}
+
+/// The rig with the vehicle that is really in it.
+fn rig(
+    scenario: &Scenario,
+    problem: &PlanningProblem,
+    vehicle: &Vehicle,
+    settings: &Settings,
+    begins: f64,
+) -> Result<World, SimulationError> {
+    let faults = &settings.faults;
+    let friction_scale = faults.friction * settings.simulation.friction_scale;
+    let physics = simulation::Settings { friction_scale, ..settings.simulation };
+    let initial = initial_state(problem, vehicle, begins);
+    let world = World::new(&faults.real(vehicle), &scenario.obstacles, &initial, &physics)?;
+    let world = world.disturbed(&faults.disturbances(vehicle));
+    Ok(match &scenario.occupancy {
+        Some(grid) => world.with_occupancy(grid),
+        None => world,
+    })
 }
 
 /// One planning cycle from the initial state, without physics.
@@ -154,9 +257,8 @@ pub fn plan<'a>(
     settings: &Settings,
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
-    let begins = problem.initial.time_step as f64 * scenario.time_step;
-    let ends = latest_end(&GoalWatch::new(scenario, problem), begins, settings);
-    let mut planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
+    let begins = begin(scenario, problem);
+    let mut planner = planner(scenario, problem, vehicle, settings)?;
     let mut run = Run::unstarted(scenario, problem, vehicle);
     if let Some(reason) = planner.no_lane() {
         run.reason = Some(reason.code());
@@ -168,6 +270,11 @@ pub fn plan<'a>(
     }
     run.explain();
     Ok(run)
+}
+
+/// The time at which the problem begins, s.
+fn begin(scenario: &Scenario, problem: &PlanningProblem) -> f64 {
+    problem.initial.time_step as f64 * scenario.time_step
 }
 
 /// The latest end of a run, s: the goal's deadline, or the longest run where there is no goal.
@@ -250,6 +357,8 @@ impl<'a> Run<'a> {
             vehicle,
             cycles: Vec::new(),
             log: Log::default(),
+            fallbacks: Vec::new(),
+            faults: Faults::default(),
             outcome: Outcome::NoSafePlan,
             reason: None,
             stopping_distance: None,
@@ -284,9 +393,12 @@ impl<'a> Run<'a> {
     }
 
     /// Judges the run. A run that stopped safely is judged as a stop, every other one by its goal.
-    fn judge(&mut self) {
+    fn judge(&mut self, settings: &verdict::Settings, forks: Forks<'_>) {
         let expect = if self.outcome == Outcome::StoppedSafely { Expectation::Stop } else { Expectation::Goal };
-        let settings = verdict::Settings::expecting(expect);
+        let settings = verdict::Settings { expect, ..*settings };
         self.verdict = verdict::judge(self.scenario, self.problem, self.vehicle, &self.cycles, &self.log, &settings);
+        let (fallbacks, left_out) = forks.finish();
+        self.verdict.add_fallbacks(verdict::fallback_stops(&fallbacks, left_out));
+        self.fallbacks = fallbacks;
     }
 }

@@ -1,7 +1,8 @@
 //! What a user may set about a run, as read from `--config FILE.toml`.
 
+use super::Faults;
 use crate::simulation::SimulationError;
-use crate::{planner, simulation};
+use crate::{planner, simulation, verdict};
 
 /// Settings of a run. Every field has a default; unknown keys are refused.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -13,6 +14,10 @@ pub struct Settings {
     pub simulation: simulation::Settings,
     /// The closed loop.
     pub run: RunSettings,
+    /// The verdict: tolerances, limits of comfort, fallbacks.
+    pub verdict: verdict::Settings,
+    /// What is made to go wrong.
+    pub faults: Faults,
 }
 
 /// Settings of the closed loop.
@@ -71,6 +76,10 @@ impl Settings {
         self.planner.collision.validate().or_else(|e| {
             wrong(format!("planner.collision.{}", e.field), e.value, format!("from {} to {}", e.min, e.max))
         })?;
+        self.verdict.validate().or_else(|e| wrong(format!("verdict.{}", e.name), e.value, e.expected))?;
+        if let Some((name, value, expected)) = self.faults.wrong() {
+            return wrong(format!("faults.{name}"), value, expected);
+        }
         match self.simulation.validate() {
             Err(SimulationError::Setting { name, value, expected }) => {
                 wrong(format!("simulation.{name}"), value, expected)

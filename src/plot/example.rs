@@ -66,6 +66,8 @@ impl Example {
             vehicle: &self.vehicle,
             cycles: (0..CYCLES).map(|i| cycle(&driven, f64::from(i) * 0.6, i)).collect(),
             log: log(&driven, &self.vehicle),
+            fallbacks: Vec::new(),
+            faults: crate::drive::Faults::default(),
             outcome: Outcome::StoppedSafely,
             reason: None,
             stopping_distance: None,

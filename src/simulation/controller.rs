@@ -47,6 +47,25 @@ const STOP_TOLERANCE: f64 = 0.03;
 /// Deceleration with which the brakes hold at rest, m/s².
 const HOLD: f64 = 2.0;
 
+/// Decides, at the control rate, what is asked of steering, drive and brakes.
+///
+/// The seam between the rig and whoever drives in it: [`TrackingController`] unless a test puts another one there, e.g. to
+/// see that the verdict notices a wrong one.
+pub trait Controls: Send + Sync {
+    /// The command that holds for the next `period` seconds, for a vehicle at `state` that is to follow `trajectory`.
+    fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command;
+}
+
+/// The controller described at the head of this module's file: feed-forward and feedback, without memory.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TrackingController;
+
+impl Controls for TrackingController {
+    fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
+        command(vehicle, trajectory, state, period)
+    }
+}
+
 /// What the controller asks for.
 pub(super) fn command(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
     let wanted = trajectory.at(state.time);

@@ -14,6 +14,7 @@ mod cells;
 mod chassis;
 mod controller;
 mod convert;
+mod disturbances;
 mod obstacles;
 mod physics;
 mod settings;
@@ -22,6 +23,8 @@ mod world;
 
 pub use actuators::Command;
 pub use chassis::GRAVITY;
+pub use controller::{Controls, TrackingController};
+pub use disturbances::{Disturbances, LocalisationNoise};
 pub use settings::Settings;
 pub use world::World;
 

@@ -8,7 +8,9 @@ use rapier2d::geometry::ContactPair;
 use super::actuators::{ActuatorState, Command};
 use super::cells::{CELL, Cells};
 use super::chassis::{GRAVITY, Motion, RunningGear, Wrench};
+use super::controller::{Controls, TrackingController};
 use super::convert::{Frame, point};
+use super::disturbances::{DeadTime, Disturbances, Localisation};
 use super::obstacles::{Obstacles, REVIEW};
 use super::physics::{PartCollider, Physics};
 use super::{Contact, Log, Sample, Settings, SimulationError, Touched, controller};
@@ -22,6 +24,9 @@ use crate::vehicle::{State, Vehicle};
 #[derive(Clone)]
 pub struct World {
     vehicle: Arc<Vehicle>,
+    /// What the controller and the actuators take the vehicle for.
+    believed: Arc<Vehicle>,
+    controls: Arc<dyn Controls>,
     settings: Settings,
     physics: Physics,
     frame: Frame,
@@ -32,6 +37,8 @@ pub struct World {
     gear: RunningGear,
     actuators: ActuatorState,
     command: Command,
+    dead_time: DeadTime,
+    localisation: Localisation,
     /// What the tyres and the air did to the body in the last step.
     wrench: Wrench,
     start_time: f64,
@@ -82,8 +89,10 @@ impl World {
         let effort = if speed == 0.0 && acceleration == 0.0 { 0.0 } else { acceleration + resistance };
         let obstacles = Obstacles::new(obstacles, &frame)?;
         let gear = RunningGear::rolling(vehicle, speed, acceleration, settings.friction_scale);
+        let vehicle = Arc::new(vehicle.clone());
         let mut world = Self {
-            vehicle: Arc::new(vehicle.clone()),
+            believed: Arc::clone(&vehicle),
+            controls: Arc::new(TrackingController),
             settings: *settings,
             physics,
             frame,
@@ -92,9 +101,12 @@ impl World {
             chassis,
             footprint,
             gear,
-            actuators: ActuatorState::settled(vehicle, effort, steering, speed),
+            actuators: ActuatorState::settled(&vehicle, effort, steering, speed),
             command: Command { acceleration: effort, steering },
+            dead_time: DeadTime::default(),
+            localisation: Localisation::default(),
             wrench: Wrench { forward: vehicle.mass * acceleration, ..Wrench::default() },
+            vehicle,
             start_time: time,
             steps: 0,
             yaw: pose.yaw,
@@ -109,6 +121,24 @@ impl World {
     pub fn with_occupancy(mut self, grid: &OccupancyGrid) -> Self {
         self.cells = Some(Cells::new(grid));
         self.review();
+        self
+    }
+
+    /// The same world with something wrong in it that nobody in the vehicle knows of. To be called before the run begins.
+    #[must_use]
+    pub fn disturbed(mut self, disturbances: &Disturbances) -> Self {
+        if let Some(believed) = &disturbances.believed {
+            self.believed = Arc::new(believed.clone());
+        }
+        self.dead_time = DeadTime::new(disturbances.dead_time, self.settings.step);
+        self.localisation = Localisation::new(disturbances.localisation, self.start_time);
+        self
+    }
+
+    /// The same world with another controller than [`TrackingController`].
+    #[must_use]
+    pub fn controlled_by(mut self, controls: Arc<dyn Controls>) -> Self {
+        self.controls = controls;
         self
     }
 
@@ -138,14 +168,21 @@ impl World {
         }
     }
 
+    /// The vehicle as it takes itself to be now: [`World::state`] with the localisation's error.
+    #[must_use]
+    pub fn localised(&self) -> State {
+        self.localisation.seen(&self.state())
+    }
+
     /// Drives along the trajectory until the time `until` (s of the run), logging at the settings' rate. Ends early, with
     /// the reason in the log, on contact or on numbers that are not finite; a world that has ended stays as it is.
     pub fn follow(&mut self, trajectory: &Trajectory, until: f64, log: &mut Log) {
-        let (vehicle, period) = (Arc::clone(&self.vehicle), 1.0 / self.settings.control_rate_hz);
+        let (vehicle, controls) = (Arc::clone(&self.believed), Arc::clone(&self.controls));
+        let period = 1.0 / self.settings.control_rate_hz;
         self.run(
             until,
             log,
-            |state| controller::command(&vehicle, trajectory, state, period),
+            |state| controls.command(&vehicle, trajectory, state, period),
             |state| {
                 let TrajectoryPoint { pose, speed, station, .. } = trajectory.at(state.time);
                 Wanted { pose, speed, station }
@@ -172,13 +209,15 @@ impl World {
         let mut first = true;
         while self.ended.is_none() && self.time() + half < until {
             if first || self.steps.is_multiple_of(decision) {
-                let command = decide(&self.state());
+                self.localisation.advance(self.time());
+                let command = decide(&self.localised());
                 if !(command.acceleration.is_finite() && command.steering.is_finite()) {
                     self.ended = Some(Ended::Broke(self.time()));
                     break;
                 }
-                self.command = command;
+                self.dead_time.ask(self.steps, command);
             }
+            self.command = self.dead_time.arrived(self.steps).unwrap_or(self.command);
             if log.samples.is_empty() {
                 log.samples.push(self.sample(&wanted(&self.state())));
             }
@@ -205,7 +244,7 @@ impl World {
     fn step(&mut self) {
         let (time, dt) = (self.time(), self.settings.step);
         let (_, motion) = self.measured();
-        self.actuators.step(&self.vehicle, &self.command, motion.forward, dt);
+        self.actuators.step(&self.believed, &self.command, motion.forward, dt);
         let wrench = self.gear.step(&self.vehicle, &self.actuators, &motion, dt);
         if ![wrench.forward, wrench.left, wrench.yaw].iter().all(|v| v.is_finite()) {
             self.ended = Some(Ended::Broke(time));

@@ -1,6 +1,7 @@
-//! `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`: the filtered accelerations of the centre of mass.
+//! `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk`: the filtered accelerations of the
+//! centre of mass, from signals of at least [`LEAST_RATE`].
 
-use super::{Check, Settings, zero_phase_low_pass};
+use super::{Check, ComfortPreset, Settings, zero_phase_low_pass};
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
@@ -20,7 +21,13 @@ pub(super) struct Moment {
     pub(super) lateral_acceleration: f64,
     /// Derivative of the filtered acceleration, m/s³.
     pub(super) jerk: f64,
+    /// Derivative of the filtered lateral acceleration, m/s³.
+    pub(super) lateral_jerk: f64,
 }
+
+/// Slower signals say too little about comfort, Hz. A run's last interval may be cut short or rounded: a percent is let go.
+const LEAST_RATE: f64 = 100.0;
+const RATE_TOLERANCE: f64 = 0.01;
 
 impl Felt {
     pub(super) fn new(log: &Log, cutoff: f64) -> Self {
@@ -38,9 +45,9 @@ impl Felt {
         let speed = resampled(|s| s.speed);
         let acceleration = zero_phase_low_pass(&resampled(|s| s.acceleration), cutoff, rate);
         let lateral = zero_phase_low_pass(&resampled(|s| s.lateral_acceleration), cutoff, rate);
-        let jerk = |i: usize| {
+        let slope = |signal: &[f64], i: usize| {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(steps));
-            (acceleration[after] - acceleration[before]) / ((after - before) as f64 * step)
+            (signal[after] - signal[before]) / ((after - before) as f64 * step)
         };
         let moments = (0..=steps)
             .map(|i| Moment {
@@ -48,7 +55,8 @@ impl Felt {
                 speed: speed[i],
                 acceleration: acceleration[i],
                 lateral_acceleration: lateral[i],
-                jerk: jerk(i),
+                jerk: slope(&acceleration, i),
+                lateral_jerk: slope(&lateral, i),
             })
             .collect();
         Self { moments, rate }
@@ -76,21 +84,74 @@ pub(crate) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
     jerk * (2.0 - ((speed.abs() - 5.0) / 15.0).clamp(0.0, 1.0))
 }
 
-/// The three checks. A run of fewer than two samples has felt nothing and passes.
-pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> [Check; 3] {
+/// The checks, `comfort_lateral_jerk` only where the preset has a limit for it. A run of fewer than two samples has felt
+/// nothing and passes; signals that are too slow to judge fail, each check with the time between two samples.
+pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<Check> {
     let felt = Felt::new(log, settings.comfort_cutoff);
-    let comfort = &vehicle.comfort;
-    let allowed = 1.0 + settings.comfort_margin;
-    let filter = format!(
-        "zero-phase Butterworth low-pass at {} Hz, {:.0} samples/s, limit with {:.0} % for the tracking controller",
-        settings.comfort_cutoff,
-        felt.rate,
-        100.0 * settings.comfort_margin
-    );
-    // Each is held against the limit at its own moment: the worst is the one that uses most of its limit.
-    let check = |name, unit, value: &dyn Fn(&Moment) -> f64, limit: &dyn Fn(&Moment) -> f64, what: &str| {
-        let worst = felt.worst(|m| value(m).abs() / limit(m)).map(|(_, m)| m);
-        let (value, limit) = worst.map_or((0.0, 0.0), |m| (value(&m), allowed * limit(&m)));
+    let limits = settings.comfort.limits(&vehicle.comfort, settings.comfort_margin);
+    let judge = Judge { felt: &felt, filter: filter(&felt, settings) };
+    let mut checks = vec![
+        judge.check(
+            "comfort_longitudinal",
+            "m/s²",
+            &|m| m.acceleration,
+            &|m| if m.acceleration < 0.0 { limits.deceleration } else { limits.acceleration },
+            "comfortable acceleration, tolerated deceleration",
+        ),
+        judge.check(
+            "comfort_lateral",
+            "m/s²",
+            &|m| m.lateral_acceleration,
+            &|_| limits.lateral_acceleration,
+            "lateral acceleration",
+        ),
+        judge.check(
+            "comfort_jerk",
+            "m/s³",
+            &|m| m.jerk,
+            &|m| jerk_limit(limits.jerk, m.speed),
+            "derivative of the filtered acceleration, limit by speed as in ISO 15622",
+        ),
+    ];
+    checks.extend(limits.lateral_jerk.map(|limit| {
+        let what = "derivative of the filtered lateral acceleration";
+        judge.check("comfort_lateral_jerk", "m/s³", &|m| m.lateral_jerk, &|_| limit, what)
+    }));
+    checks
+}
+
+/// How the signals were made and what they are held against, for the notes.
+fn filter(felt: &Felt, settings: &Settings) -> String {
+    let limits = match settings.comfort {
+        ComfortPreset::Safetlp => {
+            format!("limit with {:.0} % for the tracking controller", 100.0 * settings.comfort_margin)
+        }
+        published => format!("limits of {}", published.name()),
+    };
+    let cutoff = settings.comfort_cutoff;
+    format!("zero-phase Butterworth low-pass at {cutoff} Hz, {:.0} samples/s, {limits}", felt.rate)
+}
+
+struct Judge<'f> {
+    felt: &'f Felt,
+    filter: String,
+}
+
+impl Judge<'_> {
+    /// Each is held against the limit at its own moment: the worst is the one that uses most of its limit.
+    fn check(
+        &self,
+        name: &'static str,
+        unit: &'static str,
+        value: &dyn Fn(&Moment) -> f64,
+        limit: &dyn Fn(&Moment) -> f64,
+        what: &str,
+    ) -> Check {
+        if self.felt.rate > 0.0 && self.felt.rate < LEAST_RATE * (1.0 - RATE_TOLERANCE) {
+            return too_slow(name, self.felt);
+        }
+        let worst = self.felt.worst(|m| value(m).abs() / limit(m)).map(|(_, m)| m);
+        let (value, limit) = worst.map_or((0.0, 0.0), |m| (value(&m), limit(&m)));
         Check {
             name,
             pass: value.abs() <= limit,
@@ -98,30 +159,68 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> [Che
             limit,
             unit,
             at_time: worst.map(|m| m.time),
-            note: format!("{what}{}; {filter}", if value < 0.0 { " (negative)" } else { "" }),
+            note: format!("{what}{}; {}", if value < 0.0 { " (negative)" } else { "" }, self.filter),
         }
-    };
-    [
-        check(
-            "comfort_longitudinal",
-            "m/s²",
-            &|m| m.acceleration,
-            &|m| if m.acceleration < 0.0 { comfort.aggressive_deceleration } else { comfort.acceleration },
-            "comfortable acceleration, tolerated deceleration",
-        ),
-        check(
-            "comfort_lateral",
-            "m/s²",
-            &|m| m.lateral_acceleration,
-            &|_| comfort.lateral_acceleration,
-            "lateral acceleration",
-        ),
-        check(
-            "comfort_jerk",
-            "m/s³",
-            &|m| m.jerk,
-            &|m| jerk_limit(comfort.jerk, m.speed),
-            "derivative of the filtered acceleration, limit by speed as in ISO 15622",
-        ),
-    ]
+    }
+}
+
+/// Signals that nobody can judge comfort by: the value is the time between two samples.
+fn too_slow(name: &'static str, felt: &Felt) -> Check {
+    Check {
+        name,
+        pass: false,
+        value: 1.0 / felt.rate,
+        limit: 1.0 / LEAST_RATE,
+        unit: "s",
+        at_time: felt.moments.first().map(|m| m.time),
+        note: format!("{:.0} samples/s in the log; comfort is judged by at least {LEAST_RATE:.0}", felt.rate),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Story, bump};
+    use super::*;
+
+    fn failures(s: &Story) -> Vec<(&'static str, &'static str)> {
+        s.judge().failures().map(|c| (c.name, c.unit)).collect()
+    }
+
+    #[test]
+    fn a_log_slower_than_a_hundred_samples_a_second_is_refused_by_every_comfort_check() {
+        let mut s = Story::clean();
+        s.log.samples = s.log.samples.iter().step_by(2).copied().collect();
+        let refused = [("comfort_longitudinal", "s"), ("comfort_lateral", "s"), ("comfort_jerk", "s")];
+        assert_eq!(failures(&s), refused);
+        let check = s.judge().first_failure().cloned().unwrap();
+        assert!((check.value - 0.02).abs() < 1e-9 && (check.limit - 0.01).abs() < 1e-12, "{check:?}");
+    }
+
+    #[test]
+    fn a_preset_is_what_the_run_is_held_against() {
+        let mut s = Story::clean();
+        // the vehicle's own limits are 1.5 and 2.2 m/s² with a tenth
+        for m in &mut s.log.samples {
+            m.acceleration += bump(m.time, 1.0, 3.0, 1.8) - bump(m.time, 7.0, 4.0, 1.2);
+        }
+        assert_eq!(failures(&s), [("comfort_longitudinal", "m/s²")]);
+        s.settings.comfort = ComfortPreset::Iso15622;
+        assert_eq!(failures(&s), []);
+        s.settings.comfort = ComfortPreset::R157;
+        assert_eq!(failures(&s), [("comfort_longitudinal", "m/s²")], "silent about acceleration: 1.8 m/s² is too much");
+    }
+
+    #[test]
+    fn lateral_jerk_is_asked_for_only_where_there_is_a_limit() {
+        let mut s = Story::clean();
+        // ±1.6 m/s² at 0.8 Hz: jerk 8 m/s³, hardly less behind the filter
+        for m in &mut s.log.samples {
+            m.lateral_acceleration += bump(m.time, 1.0, 4.0, 1.6) * (5.0 * m.time).sin();
+        }
+        assert_eq!(failures(&s), []);
+        s.settings.comfort = ComfortPreset::Iso11270;
+        assert_eq!(failures(&s), [("comfort_lateral_jerk", "m/s³")]);
+        let worst = s.judge().first_failure().cloned().unwrap();
+        assert!(worst.value > 6.0 && worst.value < 8.5, "{worst:?}");
+    }
 }

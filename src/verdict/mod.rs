@@ -12,26 +12,34 @@
 //! | `stays_on_road` | largest excursion of the footprint, m | ≤ [`Settings::road_tolerance`] |
 //! | `stops` | distance from the planned stop, m | ≤ [`Settings::stop_short`] before it, [`Settings::stop_past`] beyond it |
 //! | `stop_proven` | share of cycles with a committed stop | = 1 |
-//! | `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk` | filtered extreme | ≤ the vehicle's comfort limit with a margin |
+//! | `fallback_stops` | the worst of what plans came to that were driven to rest without planning again | see [`fallback_stops`] |
+//! | `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk` | filtered extreme | ≤ the limit of [`ComfortPreset`] |
+//! | `comfort_lateral_jerk` | filtered extreme | only asked where the preset has a limit |
 //! | `tracking` | lateral distance from the wanted pose, m | ≤ [`Settings::tracking`] |
 //! | `goal` | goal conditions not met at the best time step | = 0 |
+//! | `stop_needed` | free way straight ahead of the rest, m | ≤ 10 m |
 //!
 //! A check holds when its value is at most its limit; only `stop_proven`, a share, has to reach its limit.
 //!
 //! **Which of `goal` and `stops` is asked** is one rule, [`Expectation`]: a run that ends because the way is blocked
-//! can't reach its goal and is judged by its stop instead; every other run is judged by its goal. `stops` is also
+//! can't reach its goal and is judged by its stop instead, and by whether something was in its way (`stop_needed`); every
+//! other run is judged by its goal. `stops` is also
 //! asked of a run that aims for the goal if it ended at rest where its plan wanted it to stop, or should have.
 //!
 //! Weak where: a contact between two samples (10 ms) of something thinner than the way driven meanwhile is seen only
-//! by the rig; the judge does not ask whether the way really was blocked, nor who caused a contact.
+//! by the rig; the judge does not ask who caused a contact; what was in the way is looked for straight ahead only.
 
 mod cells;
 mod comfort;
 mod contact;
+mod fallback;
 mod filter;
 mod goal;
 mod metrics;
+mod presets;
+mod reason;
 mod road;
+mod settings;
 mod shapes;
 mod stops;
 #[cfg(test)]
@@ -39,9 +47,12 @@ mod testing;
 mod tracking;
 
 pub(crate) use comfort::jerk_limit;
+pub use fallback::{Fallback, FallbackJudge, Fork, fallback_stops};
 pub use filter::zero_phase_low_pass;
 pub use goal::{GoalWatch, goal_reached_at};
 pub use metrics::{Metrics, metrics};
+pub use presets::{ComfortLimits, ComfortPreset};
+pub use settings::{FallbackSettings, Settings, SettingsError};
 
 use crate::map::{PlanningProblem, Scenario};
 use crate::planner::Cycle;
@@ -90,6 +101,14 @@ impl Verdict {
     pub fn failures(&self) -> impl Iterator<Item = &Check> {
         self.checks.iter().filter(|c| !c.pass)
     }
+
+    /// Puts the check of the forked fallbacks to its place, behind `stop_proven`. A run that was not judged stays so.
+    pub fn add_fallbacks(&mut self, check: Option<Check>) {
+        let place = self.checks.iter().position(|c| c.name == "stop_proven");
+        if let (Some(place), Some(check)) = (place, check) {
+            self.checks.insert(place + 1, check);
+        }
+    }
 }
 
 /// What the run is asked for.
@@ -98,58 +117,9 @@ pub enum Expectation {
     /// To meet the problem's goal: the check `goal` is asked. For every outcome but a safe stop.
     #[default]
     Goal,
-    /// To be at rest where the plan said: the check `stops` is asked, `goal` is not. For the outcome
+    /// To be at rest where the plan said: the checks `stops` and `stop_needed` are asked, `goal` is not. For the outcome
     /// `stopped_safely`, where the way ends or is blocked.
     Stop,
-}
-
-/// What the run is asked for, and the tolerances of the checks.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
-    /// Whether to ask for the goal or for a safe stop.
-    pub expect: Expectation,
-    /// Overlap with an obstacle that still counts as none, m. A millimetre: what the physics engine lets bodies sink
-    /// into each other before it reports, and far above rounding.
-    pub contact_tolerance: f64,
-    /// Excursion beyond the lanelets that still counts as on the road, m. Neighbouring lanelets of real maps leave
-    /// gaps of centimetres between their bounds, and a polyline cuts its curve's corner by as much.
-    pub road_tolerance: f64,
-    /// Largest distance of a rest position before the planned one, m.
-    pub stop_short: f64,
-    /// Largest distance of a rest position beyond the planned one, m.
-    pub stop_past: f64,
-    /// Speed below which the vehicle counts as at rest, m/s. Brakes that hold leave less.
-    pub rest_speed: f64,
-    /// Largest lateral distance from the wanted pose, m.
-    pub tracking: f64,
-    /// Share by which the driven extremes may exceed the planned comfort limits: the tracking controller's part.
-    pub comfort_margin: f64,
-    /// Frequency at which the comfort filter passes 1/√2 of the amplitude, Hz. See [`zero_phase_low_pass`].
-    pub comfort_cutoff: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            expect: Expectation::Goal,
-            contact_tolerance: 0.001,
-            road_tolerance: 0.05,
-            stop_short: 0.3,
-            stop_past: 0.1,
-            rest_speed: 0.05,
-            tracking: 0.25,
-            comfort_margin: 0.1,
-            comfort_cutoff: 2.0,
-        }
-    }
-}
-
-impl Settings {
-    /// The default tolerances, with what the run is asked for.
-    #[must_use]
-    pub fn expecting(expect: Expectation) -> Self {
-        Self { expect, ..Self::default() }
-    }
 }
 
 /// Judges a run. The checks come in the order of the module's table.
@@ -170,8 +140,9 @@ pub fn judge(
         checks.push(stops::stop_proven(cycles));
         checks.extend(comfort::comfort(vehicle, log, settings));
         checks.push(tracking::tracking(log, settings));
-        if settings.expect == Expectation::Goal {
-            checks.push(goal::goal(scenario, problem, vehicle, log));
+        match settings.expect {
+            Expectation::Goal => checks.push(goal::goal(scenario, problem, vehicle, log)),
+            Expectation::Stop => checks.extend(reason::stop_needed(scenario, problem, vehicle, log, settings)),
         }
     }
     Verdict { checks }

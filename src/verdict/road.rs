@@ -2,7 +2,7 @@
 
 use super::shapes::{Bounds, contains, distance_to_outline, footprint_at};
 use super::{Check, Settings};
-use crate::geometry::Point;
+use crate::geometry::{Point, Pose};
 use crate::map::RoadNetwork;
 use crate::simulation::Log;
 use crate::vehicle::Vehicle;
@@ -19,21 +19,31 @@ struct Area {
     bounds: Bounds,
 }
 
+/// The drivable lanelets of a network.
+pub(super) struct Road {
+    areas: Vec<Area>,
+}
+
+impl Road {
+    pub(super) fn new(network: &RoadNetwork) -> Self {
+        let drivable = network.lanelets.values().filter(|l| l.is_drivable());
+        let area = |outline: Vec<Point>| Area { bounds: Bounds::of(&outline), outline };
+        Self { areas: drivable.map(|l| area(l.outline())).collect() }
+    }
+
+    /// The largest distance of any point of the footprint's outline from the road, m, with the vehicle's rear axle there.
+    pub(super) fn excursion(&self, vehicle: &Vehicle, rear_axle: &Pose) -> f64 {
+        excursion(&self.areas, &footprint_at(vehicle, rear_axle))
+    }
+}
+
 /// The check: the largest distance of any point of the footprint's outline from the drivable lanelets.
 pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Check {
-    let areas: Vec<Area> = network
-        .lanelets
-        .values()
-        .filter(|l| l.is_drivable())
-        .map(|l| {
-            let outline = l.outline();
-            Area { bounds: Bounds::of(&outline), outline }
-        })
-        .collect();
+    let road = Road::new(network);
     let mut worst = (0.0, None);
     let mut at_start = 0.0;
     for (i, sample) in log.samples.iter().enumerate() {
-        let excursion = excursion(&areas, &footprint_at(vehicle, &sample.pose));
+        let excursion = road.excursion(vehicle, &sample.pose);
         if i == 0 {
             at_start = excursion;
         }
@@ -42,7 +52,7 @@ pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log,
         }
     }
     let mut note =
-        format!("footprint's outline every {OUTLINE_SPACING} m against the union of {} lanelets", areas.len());
+        format!("footprint's outline every {OUTLINE_SPACING} m against the union of {} lanelets", road.areas.len());
     if at_start > settings.road_tolerance {
         note += &format!("; the start itself is {at_start:.2} m off the road");
     }

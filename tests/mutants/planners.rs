@@ -1,0 +1,261 @@
+//! Planners with one thing wrong: those that see another world, and those that hand out other plans than they made.
+
+use std::collections::VecDeque;
+
+use stopline::drive::{Plans, Settings};
+use stopline::geometry::polyline::Polyline;
+use stopline::geometry::spiral::CubicSpiral;
+use stopline::geometry::{Point, Pose};
+use stopline::map::{GoalPosition, Motion, Part, Scenario, TimedPose};
+use stopline::planner::{Cycle, Decision, Planner};
+use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
+use stopline::vehicle::{Footprint, State, Vehicle};
+
+/// The world as a mutated planner takes it to be.
+#[derive(Clone)]
+pub(crate) struct Belief {
+    pub(crate) scenario: Scenario,
+    pub(crate) vehicle: Vehicle,
+    pub(crate) settings: Settings,
+}
+
+pub(crate) fn no_obstacles(belief: &mut Belief) {
+    belief.scenario.obstacles.clear();
+}
+
+pub(crate) fn a_third_as_wide(belief: &mut Belief) {
+    let v = &mut belief.vehicle;
+    v.width *= 0.3;
+    v.footprint = Footprint::rectangle(v.length, v.width, v.rear_axle_to_centre);
+}
+
+/// The centre of the footprint is taken for the rear axle: the bumper is a metre and more ahead of where it should be.
+pub(crate) fn centre_for_rear_axle(belief: &mut Belief) {
+    let v = &mut belief.vehicle;
+    v.rear_axle_to_centre = 0.0;
+    v.footprint = Footprint::rectangle(v.length, v.width, 0.0);
+}
+
+/// Whatever moves stays where it was first seen.
+pub(crate) fn frozen_predictions(belief: &mut Belief) {
+    for o in &mut belief.scenario.obstacles {
+        if let Motion::Trajectory(states) = &o.motion {
+            o.motion = Motion::Static(states[0].pose);
+        }
+    }
+}
+
+/// Whatever moves goes on as it was first seen to.
+pub(crate) fn constant_velocity(belief: &mut Belief) {
+    for o in &mut belief.scenario.obstacles {
+        if let Motion::Trajectory(states) = &mut o.motion {
+            let first = states[0];
+            for s in states {
+                s.pose = first.pose.advanced(first.speed * (s.time - first.time));
+                s.speed = first.speed;
+            }
+        }
+    }
+}
+
+/// What is known of the traffic is three seconds old.
+pub(crate) fn stale_predictions(belief: &mut Belief) {
+    const AGE: f64 = 3.0;
+    for o in &mut belief.scenario.obstacles {
+        if let Motion::Trajectory(states) = &mut o.motion {
+            let first = states[0];
+            states.iter_mut().for_each(|s| s.time += AGE);
+            states.insert(0, TimedPose { ..first });
+        }
+    }
+}
+
+pub(crate) fn twice_the_comfort(belief: &mut Belief) {
+    let c = &mut belief.vehicle.comfort;
+    for limit in [
+        &mut c.acceleration,
+        &mut c.deceleration,
+        &mut c.aggressive_deceleration,
+        &mut c.lateral_acceleration,
+        &mut c.jerk,
+    ] {
+        *limit *= 2.0;
+    }
+}
+
+pub(crate) fn any_lateral_acceleration(belief: &mut Belief) {
+    belief.vehicle.comfort.lateral_acceleration = 30.0;
+}
+
+/// The planner may turn the wheels as far as any car; the one that it drives may not.
+pub(crate) fn any_curvature(belief: &mut Belief) {
+    belief.vehicle.limits.steering = 1.0;
+}
+
+/// A goal forty metres before the true one.
+pub(crate) fn another_goal(belief: &mut Belief) {
+    for goal in &mut belief.scenario.problems[0].goals {
+        let Some(GoalPosition::Shapes(shape)) = &mut goal.position else { panic!("a goal without a place") };
+        for part in &mut shape.parts {
+            let Part::Rectangle { centre, .. } = part else { panic!("a goal that is no rectangle") };
+            *centre = centre.advanced(-40.0);
+        }
+    }
+}
+
+/// Borders of the road are believed to be three metres farther out.
+pub(crate) fn wider_road(belief: &mut Belief) {
+    const MORE: f64 = 3.0;
+    let moved = |line: &Polyline, side: f64| {
+        let yaw = |p: &[Point]| (p[1] - p[0]).y.atan2((p[1] - p[0]).x);
+        let points = line.points();
+        let out = points.iter().enumerate().map(|(i, p)| {
+            let i = i.min(points.len() - 2);
+            Pose { position: *p, yaw: yaw(&points[i..i + 2]) }.to_world(Point::new(0.0, side * MORE))
+        });
+        Polyline::new(out).unwrap()
+    };
+    for lanelet in belief.scenario.network.lanelets.values_mut() {
+        lanelet.left = moved(&lanelet.left, 1.0);
+        lanelet.right = moved(&lanelet.right, -1.0);
+    }
+}
+
+/// The real planner, whose plans are changed on their way out.
+pub(crate) struct Meddled<'a> {
+    pub(crate) planner: Planner<'a>,
+    pub(crate) meddle: fn(&mut Cycle),
+}
+
+impl Plans for Meddled<'_> {
+    fn cycle(&mut self, state: &State) -> Cycle {
+        let mut cycle = self.planner.cycle(state);
+        (self.meddle)(&mut cycle);
+        cycle
+    }
+}
+
+/// The real planner, whose plans reach the vehicle some cycles late, retimed as if they were new.
+pub(crate) struct Late<'a> {
+    pub(crate) planner: Planner<'a>,
+    pub(crate) waiting: VecDeque<Trajectory>,
+}
+
+impl Late<'_> {
+    pub(crate) const CYCLES: usize = 8;
+}
+
+impl Plans for Late<'_> {
+    fn cycle(&mut self, state: &State) -> Cycle {
+        let mut cycle = self.planner.cycle(state);
+        self.waiting.push_back(cycle.committed.clone());
+        if self.waiting.len() > Self::CYCLES {
+            self.waiting.pop_front();
+        }
+        if let Some(old) = self.waiting.front() {
+            let age = (self.waiting.len() - 1) as f64 * 0.1;
+            cycle.committed = Trajectory { start_time: old.start_time + age, ..old.clone() };
+        }
+        cycle
+    }
+}
+
+/// The real planner, asked once.
+pub(crate) struct Once<'a> {
+    pub(crate) planner: Planner<'a>,
+    pub(crate) first: Option<Cycle>,
+}
+
+impl Plans for Once<'_> {
+    fn cycle(&mut self, state: &State) -> Cycle {
+        match &self.first {
+            Some(first) => Cycle { time: state.time, decision: Decision::KeepLast, ..first.clone() },
+            None => self.first.insert(self.planner.cycle(state)).clone(),
+        }
+    }
+}
+
+/// Nothing wrong.
+pub(crate) fn nothing(_: &mut Cycle) {}
+
+/// The profile up to some seconds from now.
+fn cut(cycle: &Cycle, seconds: f64) -> Vec<SpeedKnot> {
+    let profile = &cycle.committed.profile;
+    let end = cycle.time - cycle.committed.start_time + seconds;
+    let mut knots: Vec<SpeedKnot> = profile.knots().iter().filter(|k| k.time < end - 1e-6).copied().collect();
+    if profile.last().time > end {
+        knots.push(profile.at(end));
+    }
+    knots
+}
+
+/// No proof at all: two seconds ahead the plan claims to stand still at once.
+pub(crate) fn stop_proof_skipped(cycle: &mut Cycle) {
+    const INSTANT: f64 = 0.05;
+    let mut knots = cut(cycle, 2.0);
+    let last = knots.len() - 1;
+    let k = knots[last];
+    if k.speed > 0.0 {
+        knots[last] = SpeedKnot { acceleration: -k.speed / INSTANT, jerk: 0.0, ..k };
+        let (time, station) = (k.time + INSTANT, k.station + 0.5 * k.speed * INSTANT);
+        knots.push(SpeedKnot { time, station, speed: 0.0, acceleration: 0.0, jerk: 0.0 });
+    }
+    cycle.committed.profile = SpeedProfile::new(knots).unwrap();
+}
+
+/// A plan that ends driving.
+pub(crate) fn never_stops(cycle: &mut Cycle) {
+    let knots = cut(cycle, 3.0);
+    cycle.committed.profile = SpeedProfile::new(knots).unwrap();
+}
+
+/// A second ahead, the plan goes on for eight metres at the speed that it has there, and stops as planned only then.
+pub(crate) fn stops_too_late(cycle: &mut Cycle) {
+    const FARTHER: f64 = 8.0;
+    let profile = cycle.committed.profile.clone();
+    let mut knots = cut(cycle, 1.0);
+    let k = knots[knots.len() - 1];
+    if k.speed < 1.0 || !cycle.committed.profile.ends_at_rest() {
+        return;
+    }
+    let lasts = FARTHER / k.speed;
+    let last = knots.len() - 1;
+    knots[last] = SpeedKnot { acceleration: 0.0, jerk: 0.0, ..k };
+    let shifted = |s: SpeedKnot| SpeedKnot { time: s.time + lasts, station: s.station + FARTHER, ..s };
+    knots.push(shifted(k));
+    knots.extend(profile.knots().iter().filter(|s| s.time > k.time + 1e-6).map(|s| shifted(*s)));
+    // the path goes on straight for as long as that takes
+    let path = &cycle.committed.path;
+    let mut spirals: Vec<CubicSpiral> = path.pieces().map(|(_, _, s)| *s).collect();
+    spirals.push(CubicSpiral { knots: [0.0; 4], length: FARTHER + 1.0 });
+    let start = path.at(0.0).pose;
+    cycle.committed.path = Path::new(start, &spirals).unwrap();
+    cycle.committed.profile = SpeedProfile::new(knots).unwrap();
+}
+
+/// A promise to brake gently that the plan itself does not keep.
+pub(crate) fn promises_too_much(cycle: &mut Cycle) {
+    if let Decision::NewPlan { deceleration } = &mut cycle.decision {
+        *deceleration = 0.5;
+    }
+}
+
+/// Clocks that are half a second apart.
+pub(crate) fn half_a_second_early(cycle: &mut Cycle) {
+    cycle.committed.start_time -= 0.5;
+}
+
+pub(crate) fn aside(cycle: &mut Cycle) {
+    let start = cycle.committed.path.at(0.0).pose;
+    let spirals: Vec<CubicSpiral> = cycle.committed.path.pieces().map(|(_, _, s)| *s).collect();
+    let moved = Pose { position: start.to_world(Point::new(0.0, 0.3)), yaw: start.yaw };
+    cycle.committed.path = Path::new(moved, &spirals).unwrap();
+}
+
+/// Left for right.
+pub(crate) fn mirrored(cycle: &mut Cycle) {
+    let start = cycle.committed.path.at(0.0).pose;
+    let mirror = |s: &CubicSpiral| CubicSpiral { knots: s.knots.map(|k| -k), length: s.length };
+    let spirals: Vec<CubicSpiral> = cycle.committed.path.pieces().map(|(_, _, s)| mirror(s)).collect();
+    cycle.committed.path = Path::new(start, &spirals).unwrap();
+}
