@@ -7,14 +7,8 @@ use super::args::RunArgs;
 use super::engine::Settings;
 use crate::io::{commonroad, files, ros_map};
 use crate::map::{PlanningProblem, Scenario};
+pub(super) use crate::result::Kind;
 use crate::vehicle::{self, Vehicle};
-
-/// Which command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    Plan,
-    Drive,
-}
 
 /// Everything needed to run, read and checked.
 pub(super) struct Job {

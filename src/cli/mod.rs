@@ -2,7 +2,8 @@
 //!
 //! `args` is what can be typed. `job` makes of it something that can run: every input read and checked, every output
 //! known to be writable, before anything starts. `engine` runs it, the only file that knows planner and physics.
-//! `report` and `json` say what happened. `bench` holds the comparisons, one file each, which need no job. Results go to stdout, everything else to stderr.
+//! `report` says what happened. `bench` holds the comparisons, one file each, which need no job. Results go to stdout,
+//! everything else to stderr.
 //!
 //! What happened is in the exit code, [`Exit`]: outcomes are not errors.
 
@@ -10,7 +11,6 @@ mod args;
 mod bench;
 mod engine;
 mod job;
-mod json;
 mod progress;
 mod report;
 
@@ -22,6 +22,8 @@ use clap::Parser as _;
 
 use args::Command;
 use job::{Job, Kind};
+
+use crate::result::json;
 
 /// The exit codes, as published in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +109,7 @@ fn report_on(job: &Job) -> Result<Exit, Failure> {
     } else if !job.quiet {
         print(&report::text(&run, &result))?;
     }
-    Ok(if result.held { Exit::Held } else { Exit::CheckFailed })
+    Ok(if result.result.held { Exit::Held } else { Exit::CheckFailed })
 }
 
 /// Calls `command` and turns a panic, whose message is on stderr already, into [`Exit::OwnFault`].
