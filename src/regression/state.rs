@@ -14,6 +14,10 @@ use std::sync::Mutex;
 use super::SuiteError;
 use super::run::Measured;
 
+/// What every first line begins with, and every format of it, whatever its version.
+const FIRST_BYTES: &str = "{\"format\":\"stopline.check.state/";
+const FORMAT_BEFORE_VERSION: &str = "stopline.check.state/";
+
 /// Largest file, bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
@@ -112,10 +116,14 @@ fn read(bytes: &[u8]) -> Result<(BTreeMap<String, Measured>, usize), String> {
     for (i, line) in bytes.split_inclusive(|b| *b == b'\n').enumerate() {
         let is_last = sound + line.len() == bytes.len();
         if i == 0 {
+            let is_whole = line.ends_with(b"\n");
             match serde_json::from_slice::<Header>(line) {
-                Ok(header) if header == Header::of_this_program() => {}
-                Ok(header) if header.format.starts_with("stopline.check.state/") => return Ok((finished, 0)),
-                _ if is_last && !line.ends_with(b"\n") && b"{\"format\":".starts_with(&line[..line.len().min(10)]) => {
+                Ok(header) if is_whole && header == Header::of_this_program() => {}
+                Ok(header) if header.format.starts_with(FORMAT_BEFORE_VERSION) => return Ok((finished, 0)),
+                // cut off while it was written
+                Err(_)
+                    if !is_whole && FIRST_BYTES.as_bytes().starts_with(&line[..line.len().min(FIRST_BYTES.len())]) =>
+                {
                     return Ok((finished, 0));
                 }
                 _ => return Err("not a state of `stopline check`: it is left as it is".into()),

@@ -90,7 +90,7 @@ fn one_wrong_thing_in_a_suite_is_named_with_its_line() {
         (&format!("{drive}seeds = [-1]"), &["line 3"]),
         (&format!("{drive}limits = {{ tracking = \"0.2\" }}"), &["line 3", "a number (the most)"]),
         (&format!("{drive}limits = {{ tracking = nan }}"), &["line 3", "nan"]),
-        (&format!("{drive}limits = {{ tracking = {{ mx = 1 }} }}"), &["line 3", "`mx`", "did you mean `min`?"]),
+        (&format!("{drive}limits = {{ tracking = {{ mn = 1 }} }}"), &["line 3", "`mn`", "did you mean `min`?"]),
         (&format!("{drive}limits = {{ tracking = {{}} }}"), &["line 3", "empty table"]),
         (&format!("{drive}limits = {{ tracking = {{ min = 2, max = 1 }} }}"), &["`min` 2 is above `max` 1"]),
         (&format!("{drive}tolerances = {{ tracking = -1 }}"), &["line 3", "below zero"]),
@@ -175,13 +175,15 @@ fn reports_have_the_same_bytes_for_every_number_of_jobs_and_for_resumed_runs() {
     assert_eq!(all_reports(&suite.run(&options(7, Some("state"))).unwrap()), one);
     assert_eq!(all_reports(&suite.run(&options(2, Some("state"))).unwrap()), one, "from the state alone");
     assert!(one[3].contains("data:image/svg+xml"), "a failed drive has its picture");
-    assert!(!one[3].contains("http://") && !one[3].contains("https://"), "fetches nothing");
+    assert!(!one[3].contains("=\"http") && !one[3].contains("url(http"), "fetches nothing");
 }
 
 #[test]
 fn an_interrupted_run_goes_on_from_its_last_whole_line() {
     let place = Place::new();
-    let text = format!("[[drive]]\nscenarios = \"*.xml\"\nvehicle = [\"bmw_320i\", \"ford_escort\"]\n{SECOND}");
+    let text = format!(
+        "[[drive]]\nscenarios = \"a.xml\"\nseeds = [0, 1]\nvehicle = [\"bmw_320i\", \"ford_escort\"]\n{SECOND}"
+    );
     let suite = place.suite(&text);
     let state = place.path("state");
     let options = Options { resume: Some(state.clone()), jobs: NonZeroUsize::new(1), ..Options::default() };
@@ -191,14 +193,15 @@ fn an_interrupted_run_goes_on_from_its_last_whole_line() {
     assert_eq!(ends.len(), 5, "a head and four drives");
     for cut in [0, 5, ends[0] - 1, ends[0], ends[2] + 7, ends[3] - 1, ends[4] - 1] {
         std::fs::write(&state, &bytes[..cut]).unwrap();
-        let new = std::sync::atomic::AtomicUsize::new(0);
         let lines_before = bytes[..cut].iter().filter(|b| **b == b'\n').count().max(1);
         assert_eq!(all_reports(&suite.run(&options).unwrap()), whole, "cut at {cut}");
-        let _ = new;
         let again = std::fs::read(&state).unwrap();
         assert_eq!(again.len(), bytes.len(), "cut at {cut}: every drive once, {lines_before} lines kept");
         assert!(cut < ends[0] || again.starts_with(&bytes[..ends[lines_before - 1]]), "cut at {cut}: kept lines stay");
     }
+    // a head that is cut off is not told from a new file by its length alone
+    std::fs::write(&state, "something else").unwrap();
+    assert!(suite.run(&options).unwrap_err().to_string().contains("not a state of `stopline check`"));
     // a line in the middle that makes no sense is not guessed at
     let mut broken = bytes.clone();
     broken[ends[1] + 3] = b'}';
@@ -535,5 +538,46 @@ fn a_replay_takes_the_settings_of_the_report_and_comes_to_the_same() {
         let file = place.write("broken.json", text);
         let said = suite.replay("a.xml@bmw_320i").unwrap().as_reported(&file).unwrap_err().to_string();
         assert!(said.contains("broken.json") && said.contains(word), "{said}");
+    }
+}
+
+#[test]
+fn a_panic_is_the_error_of_its_drive_and_a_fault_of_the_program() {
+    let place = Place::new();
+    let suite = place.suite(&format!("[[drive]]\nscenarios = \"a.xml\"\n{SECOND}"));
+    let case = &suite.cases[0];
+    let error = case.with_run(&case.settings, |_, _| -> () { panic!("a test of what a panic gives") }).unwrap_err();
+    assert_eq!(error.kind, ErrorKind::Fault);
+    assert!(error.message.contains("a test of what a panic gives"), "{error}");
+}
+
+/// What `docs/suites.md` shows is what the program reads.
+#[test]
+fn the_suites_of_the_docs_can_be_read() {
+    let docs = include_str!("../../docs/suites.md");
+    let suites: Vec<&str> = docs.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    assert!(suites.len() >= 2, "the docs show no suites");
+    for text in suites {
+        let read = crate::io::settings_file::parse::<super::suite::SuiteFile<crate::drive::Settings>>;
+        assert!(read(Path::new("docs/suites.md"), text).is_ok(), "{:?}\n{text}", read(Path::new("x"), text).err());
+    }
+    for key in [
+        "`scenarios`",
+        "`exclude`",
+        "`problem`",
+        "`vehicle`",
+        "`config`",
+        "`settings`",
+        "`matrix`",
+        "`seeds`",
+        "`repetitions`",
+        "`expect`",
+        "`checks`",
+        "`expected_fail`",
+        "`limits`",
+        "`tolerances`",
+        "`baseline`",
+    ] {
+        assert!(docs.contains(&format!("| {key} |")), "the docs do not tell {key}");
     }
 }
