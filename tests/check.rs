@@ -80,7 +80,7 @@ fn the_suite_of_a_thousand_drives_has_as_many() {
 
 #[test]
 fn exit_0_and_every_report_where_all_is_as_expected() {
-    let place = Place::new(&format!("[[drive]]\nscenarios = \"*.xml\"\n{SECOND}"));
+    let place = Place::new(&format!("[[drive]]\nscenarios = \"a.xml\"\n{SECOND}"));
     let reports = ["--json", "r.json", "--junit", "r.xml", "--markdown", "r.md", "--html", "r.html"];
     says(&place.check(&reports), 0, &["suite: 1 drive: 1 pass"]);
     assert_eq!(place.names(), ["a.xml", "r.html", "r.json", "r.md", "r.xml", "suite.toml"], "and no temporary files");
@@ -152,6 +152,10 @@ fn exit_3_is_an_input_that_cannot_be_read() {
     std::fs::write(place.path("b.xml"), "<osm/>").unwrap();
     says(&place.check(&["--junit", "r.xml"]), 3, &["1 pass, 1 error", "b.xml"]);
     assert!(place.read("r.xml").contains("<error"));
+    std::fs::remove_file(place.path("r.xml")).unwrap();
+    let quiet = place.check(&["--quiet"]);
+    assert_eq!(told(&quiet.stdout), "");
+    says(&quiet, 3, &["error: b.xml@bmw_320i", "<osm>"]);
 }
 
 #[cfg(target_os = "linux")]

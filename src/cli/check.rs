@@ -61,7 +61,11 @@ fn check(args: &CheckArgs, suites: &[Suite], is_stdout: bool) -> Result<Exit, Fa
     }
     // every report is tried: one that cannot be written does not take the others with it
     let written = write(args, &summaries, is_stdout);
-    if !args.quiet {
+    if args.quiet {
+        for drive in summaries.iter().flat_map(|s| &s.drives) {
+            drive.error.iter().for_each(|e| say(&format!("error: {}: {e}", drive.id)));
+        }
+    } else {
         for summary in &summaries {
             let text = format!("{summary}{:.1} s\n", summary.seconds);
             if is_stdout { text.lines().for_each(say) } else { print(&text)? }

@@ -1,6 +1,6 @@
 //! Regression suites: many drives, what is expected of each, and reports that CI systems read.
 //!
-//! A [`Suite`] is a TOML file ([`suite`] has the reader, `docs/suites.md` the format). [`Suite::run`] drives it on all
+//! A [`Suite`] is a TOML file (`suite` has the reader, `docs/suites.md` the format). [`Suite::run`] drives it on all
 //! cores and compares every drive with its expected outcome, its checks, limits on its figures, and a baseline kept
 //! from earlier runs with a tolerance per figure. The [`Summary`] is the same for every number of jobs, and so are the
 //! bytes of every [`report`]: wall-clock times are in none.
