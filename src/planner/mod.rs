@@ -436,9 +436,9 @@ impl<'a> Planner<'a> {
         worth
     }
 
-    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less
-    /// than the choice: its way's
-    /// cost as it was when it was chosen, the way that it has come to miss since, and how far it falls behind from here.
+    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less than the
+    /// choice: its way's cost as it was when it was chosen, the way that it has come to miss since, and how far it falls
+    /// behind from here.
     fn staying(&self, start: &Start, rung: Rung, choice: &Choice, plan: &InForce<'_>) -> Option<f64> {
         let is_as_safe =
             |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.against_set >= rung.against_set;

@@ -68,6 +68,7 @@ impl Example {
             log: log(&driven, &self.vehicle),
             outcome: Outcome::StoppedSafely,
             reason: None,
+            stopping_distance: None,
             verdict: verdict(),
         }
     }

@@ -43,6 +43,9 @@ pub(super) fn result(
     put("seed", json!(seed));
     put("outcome", json!(run.outcome.name()));
     put("reason", json!(run.reason));
+    if let Some(distance) = run.stopping_distance {
+        put("stopping_distance_m", json!(distance));
+    }
     put("verdict", json!(if held { "pass" } else { "fail" }));
     put("checks", checks(run));
     put("metrics", serde_json::to_value(metrics).unwrap_or_default());
