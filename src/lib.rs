@@ -16,6 +16,8 @@ pub mod plot;
 #[cfg(feature = "rerun")]
 pub mod recording;
 pub mod reference;
+pub mod regression;
+pub mod result;
 pub mod route;
 pub mod simulation;
 pub mod speed;

@@ -6,6 +6,7 @@ use clap::{Args as ArgGroup, Parser, Subcommand};
 
 use crate::drive::Faults;
 use crate::verdict::ComfortPreset;
+use crate::regression::Shard;
 
 /// Shown at the end of `--help`.
 const EXIT_CODES: &str = "Exit codes:
@@ -39,9 +40,73 @@ pub(super) enum Command {
     /// Closed loop: replan at 10 Hz, execute in physics, judge.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Drive(RunArgs),
+    /// Regression suites: many drives, what is expected of them, reports that CI systems read.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Check(CheckArgs),
     /// Comparisons on problems made from a seed.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Bench(BenchArgs),
+}
+
+/// Arguments of `check`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct CheckArgs {
+    /// Suites: TOML files, or folders with a suite.toml.
+    #[arg(required = true, value_name = "SUITE")]
+    pub(super) suites: Vec<PathBuf>,
+
+    /// Drives side by side; as many as there are cores if not given. The reports do not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
+    pub(super) jobs: Option<u16>,
+
+    /// Only part I of N: every Nth drive, beginning with the Ith.
+    #[arg(long, value_name = "I/N")]
+    pub(super) shard: Option<Shard>,
+
+    /// Keeps what is finished in this file, and goes on from there after an interruption.
+    #[arg(long, value_name = "STATE")]
+    pub(super) resume: Option<PathBuf>,
+
+    /// Keep what is found as the new baseline.
+    #[arg(long)]
+    pub(super) bless: bool,
+
+    /// Drive only this one again, and tell it as `drive` does.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["shard", "resume", "bless", "json", "junit", "markdown", "html"],
+          help_heading = "Replay")]
+    pub(super) replay: Option<String>,
+
+    /// With the settings that a JSON report has for it, and compare the hash with the report's.
+    #[arg(long, value_name = "FILE.json", requires = "replay", help_heading = "Replay")]
+    pub(super) report: Option<PathBuf>,
+
+    /// Save its settings for `drive --config`, and tell the command.
+    #[arg(long, value_name = "FILE.toml", requires = "replay", help_heading = "Replay")]
+    pub(super) save_config: Option<PathBuf>,
+
+    /// A picture of it.
+    #[arg(long, value_name = "PATH", requires = "replay", help_heading = "Replay")]
+    pub(super) svg: Option<PathBuf>,
+
+    /// Everything as JSON; `-` prints it on stdout, and nothing else.
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    pub(super) json: Option<PathBuf>,
+
+    /// JUnit XML.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) junit: Option<PathBuf>,
+
+    /// A summary in Markdown.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) markdown: Option<PathBuf>,
+
+    /// A page with pictures of what failed.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) html: Option<PathBuf>,
+
+    /// No report and no progress bar; errors only.
+    #[arg(long)]
+    pub(super) quiet: bool,
 }
 
 /// Arguments of `bench`.

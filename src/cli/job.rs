@@ -5,17 +5,11 @@ use std::path::{Path, PathBuf};
 use super::Failure;
 use super::args::{FallbackInterval, RunArgs};
 use super::engine::Settings;
-use crate::io::{commonroad, files, ros_map};
+use crate::io::{commonroad, files, ros_map, settings_file};
 use crate::map::{PlanningProblem, Scenario};
+pub(super) use crate::result::Kind;
 use crate::vehicle::{self, Vehicle};
 use crate::verdict::ComfortPreset;
-
-/// Which command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    Plan,
-    Drive,
-}
 
 /// Everything needed to run, read and checked.
 pub(super) struct Job {
@@ -139,12 +133,9 @@ fn apply(
 
 /// Reads settings from TOML and checks their ranges.
 fn settings(file: &Path) -> Result<Settings, Failure> {
-    /// Largest settings file, bytes.
-    const MAX_BYTES: u64 = 1 << 20;
-    let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {}", file.display(), e.to_string().trim_end()));
-    let bytes = files::read(file, MAX_BYTES).map_err(Failure::file)?;
-    let text = std::str::from_utf8(&bytes).map_err(|e| error(&format_args!("not UTF-8 text: {e}")))?;
-    let settings: Settings = toml::from_str(text).map_err(|e| error(&e))?;
+    let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {e}", file.display()));
+    let text = settings_file::text(file).map_err(Failure::file)?;
+    let settings: Settings = settings_file::parse(file, &text).map_err(Failure::file)?;
     settings.validate().map_err(|e| error(&e))?;
     Ok(settings)
 }
@@ -176,20 +167,25 @@ impl Outputs {
             let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
             return Err(Failure::Use(reason.into()));
         }
-        if self.files().any(|file| file == Path::new("-")) {
-            let reason = "only --json goes to stdout with `-`; a file of that name is `./-`";
-            return Err(Failure::Use(reason.into()));
-        }
-        let mut taken: Vec<PathBuf> = inputs.iter().map(|p| real(p)).collect();
-        for file in self.files() {
-            let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());
-            if taken.contains(&real(file)) {
-                return Err(Failure::Use(format!("{}: is named twice, as input or output", file.display())));
-            }
-            if !is_device {
-                taken.push(real(file));
-            }
-        }
-        self.files().try_for_each(|file| files::check_writable(file).map_err(Failure::file))
+        check_files(&self.files().collect::<Vec<_>>(), inputs)
     }
+}
+
+/// Each output once, none of them an input, all writable.
+pub(super) fn check_files(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
+    if outputs.contains(&Path::new("-")) {
+        let reason = "only --json goes to stdout with `-`; a file of that name is `./-`";
+        return Err(Failure::Use(reason.into()));
+    }
+    let mut taken: Vec<PathBuf> = inputs.iter().map(|p| real(p)).collect();
+    for file in outputs {
+        let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());
+        if taken.contains(&real(file)) {
+            return Err(Failure::Use(format!("{}: is named twice, as input or output", file.display())));
+        }
+        if !is_device {
+            taken.push(real(file));
+        }
+    }
+    outputs.iter().try_for_each(|file| files::check_writable(file).map_err(Failure::file))
 }

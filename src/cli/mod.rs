@@ -2,15 +2,17 @@
 //!
 //! `args` is what can be typed. `job` makes of it something that can run: every input read and checked, every output
 //! known to be writable, before anything starts. `engine` runs it, the only file that knows planner and physics.
-//! `report` and `json` say what happened. `bench` holds the comparisons, one file each, which need no job. Results go to stdout, everything else to stderr.
+//! `report` says what happened. `bench` holds the comparisons, one file each, and `check` the
+//! suites, which need no job. Results go to stdout,
+//! everything else to stderr.
 //!
 //! What happened is in the exit code, [`Exit`]: outcomes are not errors.
 
 mod args;
 mod bench;
+mod check;
 mod engine;
 mod job;
-mod json;
 mod progress;
 mod report;
 
@@ -22,6 +24,8 @@ use clap::Parser as _;
 
 use args::Command;
 use job::{Job, Kind};
+
+use crate::result::json;
 
 /// The exit codes, as published in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,6 +90,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let ran = match args.command {
         Command::Plan(args) => Job::new(Kind::Plan, args).and_then(|job| report_on(&job)),
         Command::Drive(args) => Job::new(Kind::Drive, args).and_then(|job| report_on(&job)),
+        Command::Check(args) => check::run(&args),
         Command::Bench(args) => bench::run(args.comparison),
     };
     ran.unwrap_or_else(|failure| {
@@ -107,7 +112,7 @@ fn report_on(job: &Job) -> Result<Exit, Failure> {
     } else if !job.quiet {
         print(&report::text(&run, &result))?;
     }
-    Ok(if result.held { Exit::Held } else { Exit::CheckFailed })
+    Ok(if result.result.held { Exit::Held } else { Exit::CheckFailed })
 }
 
 /// Calls `command` and turns a panic, whose message is on stderr already, into [`Exit::OwnFault`].

@@ -35,7 +35,7 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
     if let Some(distance) = run.stopping_distance {
         let _ = write!(text, ", which takes {distance:.1} m");
     }
-    let _ = writeln!(text, ", {}", if result.held { "pass" } else { "FAIL" });
+    let _ = writeln!(text, ", {}", if result.result.held { "pass" } else { "FAIL" });
     let _ = writeln!(text, "vehicle {}, planning problem {}\n", run.vehicle.name, run.problem.id);
     if !run.verdict.checks.is_empty() {
         text += &table(&checks(run));
@@ -48,7 +48,7 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
         text += &table(&metrics(result));
         text.push('\n');
     }
-    let p = &result.planning;
+    let p = &result.result.planning;
     let _ = writeln!(
         text,
         "planning: {} cycle(s), {} with a proven stop, {} candidates, {} expansions\n\
@@ -67,7 +67,7 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
     if let Some(solution) = &result.solution {
         let _ = writeln!(text, "solution: at most {:.3} m from what was driven", solution.max_deviation_m);
     }
-    let _ = writeln!(text, "hash: {}", result.hash);
+    let _ = writeln!(text, "hash: {}", result.result.hash);
     text
 }
 
@@ -87,7 +87,7 @@ fn checks(run: &Run) -> Vec<Vec<String>> {
 }
 
 fn metrics(result: &Summary) -> Vec<Vec<String>> {
-    let m = &result.metrics;
+    let m = &result.result.metrics;
     let rows = [
         ("distance", Some(m.distance_m), "m"),
         ("duration", Some(m.duration_s), "s"),

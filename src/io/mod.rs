@@ -7,4 +7,5 @@ pub mod commonroad;
 pub mod csv;
 pub mod files;
 pub mod ros_map;
+pub mod settings_file;
 pub mod solution;

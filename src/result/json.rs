@@ -14,39 +14,25 @@
 use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
 
-use super::engine::{self, Summary, Times};
-use super::job::{Job, Kind};
+use super::{Kind, Planning, Times};
 use crate::drive::Run;
 use crate::planner::{Candidate, Cycle, Decision};
 use crate::simulation::Sample;
+use crate::verdict::Metrics;
 
-/// Fills in the result's JSON and hash.
-pub(super) fn fill(job: &Job, run: &Run, summary: &mut Summary) {
-    let samples = engine::driven(job.kind, run).samples;
-    let mut result = result(job, run, summary, &samples);
-    summary.hash = hash(&Value::Object(result.clone()), &samples);
-    if let Some(planning) = result.get_mut("planning").and_then(Value::as_object_mut) {
-        let told = |Times { median, p99, max }: Times| json!({ "median": median, "p99": p99, "max": max });
-        planning.insert("time_ms".into(), told(summary.planning.time_ms));
-        planning.insert("smoothing_ms".into(), told(summary.planning.smoothing_ms));
-    }
-    if job.outputs.json_cycles {
-        result.insert("cycles".into(), run.cycles.iter().map(cycle).collect());
-    }
-    if let Some(solution) = &summary.solution {
-        result.insert("solution".into(), json!({ "max_deviation_m": solution.max_deviation_m }));
-    }
-    result.insert("hash".into(), json!(summary.hash));
-    summary.json = Value::Object(result);
-}
-
-/// What does not depend on the clock, nor on which files are written.
-fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<String, Value> {
+/// What does not depend on the clock, nor on which files are written; without the hash.
+pub(super) fn result(
+    kind: Kind,
+    run: &Run,
+    seed: u64,
+    (held, metrics, planning): (bool, &Metrics, &Planning),
+    samples: &[Sample],
+) -> Map<String, Value> {
     let mut result = Map::new();
     let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
     put(
         "format",
-        json!(match job.kind {
+        json!(match kind {
             Kind::Plan => "stopline.plan/1",
             Kind::Drive => "stopline.drive/1",
         }),
@@ -54,54 +40,64 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
     put("scenario", json!(run.scenario.id));
     put("problem", json!(run.problem.id));
     put("vehicle", json!(run.vehicle.name));
-    put("seed", json!(job.seed));
+    put("seed", json!(seed));
     put("outcome", json!(run.outcome.name()));
     put("reason", json!(run.reason));
     if let Some(distance) = run.stopping_distance {
         put("stopping_distance_m", json!(distance));
     }
-    put("verdict", json!(if summary.held { "pass" } else { "fail" }));
+    put("verdict", json!(if held { "pass" } else { "fail" }));
     put("checks", checks(run));
-    put("metrics", serde_json::to_value(summary.metrics).unwrap_or_default());
+    put("metrics", serde_json::to_value(metrics).unwrap_or_default());
     put(
         "planning",
         json!({
-            "cycles": summary.planning.cycles,
-            "proven_cycles": summary.planning.proven_cycles,
-            "refined_cycles": summary.planning.refined_cycles,
-            "smoothing": summary.planning.smoothing,
-            "creeping_cycles": summary.planning.creeping_cycles,
-            "unsmoothed": summary.planning.unsmoothed,
-            "expansions": summary.planning.expansions,
-            "candidates": summary.planning.candidates,
-            "rejections": rejections(summary),
-            "edges": serde_json::to_value(&summary.planning.edges).unwrap_or_default(),
+            "cycles": planning.cycles,
+            "proven_cycles": planning.proven_cycles,
+            "refined_cycles": planning.refined_cycles,
+            "smoothing": planning.smoothing,
+            "creeping_cycles": planning.creeping_cycles,
+            "unsmoothed": planning.unsmoothed,
+            "expansions": planning.expansions,
+            "candidates": planning.candidates,
+            "rejections": rejections(planning),
+            "edges": serde_json::to_value(&planning.edges).unwrap_or_default(),
         }),
     );
-    if let (Some(count), Some(planning)) =
-        (summary.planning.proven_against_set, result.get_mut("planning").and_then(Value::as_object_mut))
+    if let (Some(count), Some(told)) =
+        (planning.proven_against_set, result.get_mut("planning").and_then(Value::as_object_mut))
     {
-        planning.insert("proven_against_set".into(), json!(count));
+        told.insert("proven_against_set".into(), json!(count));
     }
     let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
     if run.faults.is_any() {
         put("faults", serde_json::to_value(run.faults).unwrap_or_default());
     }
     put("issues", issues(run));
-    if job.kind == Kind::Plan {
+    if kind == Kind::Plan {
         put("plan", plan(run, samples));
         put("candidates", run.cycles.last().map_or_else(|| json!([]), candidates));
     }
     result
 }
 
+/// The result's `planning` with the times of the wall clock, which its hash does not see.
+pub(crate) fn add_times(result: &mut Map<String, Value>, planning: &Planning) {
+    if let Some(told) = result.get_mut("planning").and_then(Value::as_object_mut) {
+        let times = |Times { median, p99, max }: Times| json!({ "median": median, "p99": p99, "max": max });
+        told.insert("time_ms".into(), times(planning.time_ms));
+        told.insert("smoothing_ms".into(), times(planning.smoothing_ms));
+    }
+}
+
 /// Candidates rejected by each reason.
-fn rejections(summary: &Summary) -> Value {
-    let counted = summary.planning.rejections.iter();
+fn rejections(planning: &Planning) -> Value {
+    let counted = planning.rejections.iter();
     Value::Object(counted.map(|(why, count)| (why.code().to_owned(), json!(count))).collect())
 }
 
-fn cycle(cycle: &Cycle) -> Value {
+/// A planning cycle with its candidates, for who asks for all of them.
+pub(crate) fn cycle(cycle: &Cycle) -> Value {
     let deceleration = match cycle.decision {
         Decision::NewPlan { deceleration } => Some(deceleration),
         Decision::KeepLast | Decision::Unproven => None,
@@ -181,7 +177,7 @@ fn plan(run: &Run, samples: &[Sample]) -> Value {
 }
 
 /// SHA-256 over the canonical JSON and the bits of the states, in hexadecimal.
-pub(super) fn hash(result: &Value, samples: &[Sample]) -> String {
+pub(crate) fn hash(result: &Value, samples: &[Sample]) -> String {
     let mut hasher = Sha256::new();
     hasher.update(canonical(result).to_string());
     for s in samples {
@@ -216,7 +212,7 @@ fn canonical(value: &Value) -> Value {
 }
 
 /// The text of a JSON output: indented, one newline at its end.
-pub(super) fn text(value: &Value) -> String {
+pub(crate) fn text(value: &Value) -> String {
     format!("{value:#}\n")
 }
 

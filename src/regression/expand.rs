@@ -1,0 +1,313 @@
+//! From the entries of a suite to its drives: files by pattern, times vehicles, times settings, times seeds.
+//!
+//! The order is that of the file; within an entry files are sorted, and what an entry lists keeps its order. Ids are
+//! made of what tells drives apart, so that they stay when entries come and go: baselines are kept under them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Deserialize as _;
+use toml::Spanned;
+
+use super::suite::{Bound, Entry, Expect, OneOrMore, SuiteFile, Tolerance, folder_of};
+use super::{SuiteError, glob};
+use crate::drive::Settings;
+use crate::io::settings_file;
+use crate::vehicle::{self, Vehicle};
+
+/// The vehicle that is driven where none is named.
+const DEFAULT_VEHICLE: &str = "bmw_320i";
+
+/// Most drives of a suite: more is a matrix that got out of hand.
+const MOST_DRIVES: usize = 100_000;
+
+/// One drive of a suite, with everything that it needs but the scenario.
+#[derive(Debug)]
+pub(super) struct Case {
+    pub(super) id: String,
+    /// Line of its entry.
+    pub(super) line: usize,
+    /// The scenario as the suite has it, and its file.
+    pub(super) scenario_name: String,
+    pub(super) scenario: PathBuf,
+    pub(super) problem: Option<i64>,
+    /// As `--vehicle` takes it.
+    pub(super) vehicle_name: String,
+    pub(super) vehicle: Arc<Vehicle>,
+    pub(super) config_file: Option<PathBuf>,
+    pub(super) settings: Arc<Settings>,
+    /// Every setting, as TOML that `--config` takes.
+    pub(super) config: Arc<str>,
+    pub(super) seed: u64,
+    pub(super) repetitions: u32,
+    pub(super) expected: Arc<Expected>,
+}
+
+/// What is expected of a drive.
+#[derive(Debug, Default)]
+pub(super) struct Expected {
+    /// Outcomes that are right; if there are none, those that are a success in themselves.
+    pub(super) outcomes: Vec<Expect>,
+    /// Checks that have to hold; all of them if not given.
+    pub(super) checks: Option<Vec<String>>,
+    /// Why it is known to fail.
+    pub(super) fail: Option<String>,
+    pub(super) limits: BTreeMap<String, Bound>,
+    pub(super) tolerances: BTreeMap<String, Tolerance>,
+}
+
+/// All drives of a suite.
+pub(super) fn cases(file: &Path, text: &str, read: SuiteFile<toml::Table>) -> Result<Vec<Case>, SuiteError> {
+    let line_of = |at: usize| 1 + text.bytes().take(at).filter(|b| *b == b'\n').count();
+    let wrong = |line: usize, message: String| SuiteError::Wrong { file: file.to_owned(), line: Some(line), message };
+    let defaults = read.defaults.map(|d| (line_of(d.span().start), d.into_inner()));
+    if let Some((line, Entry { name, scenarios, .. })) = &defaults
+        && (name.is_some() || scenarios.is_some())
+    {
+        return Err(wrong(*line, "`name` and `scenarios` belong to a [[drive]], not to [defaults]".into()));
+    }
+    let defaults = defaults.map_or_else(Entry::default, |(_, entry)| entry);
+    let mut expansion = Expansion { folder: folder_of(file), vehicles: BTreeMap::new(), cases: Vec::new() };
+    for entry in read.drive {
+        let line = line_of(entry.span().start);
+        let entry = with_defaults(Spanned::into_inner(entry), &defaults);
+        expansion.add(line, &entry).map_err(|message| wrong(line, message))?;
+    }
+    let mut lines: BTreeMap<&str, usize> = BTreeMap::new();
+    for case in &expansion.cases {
+        if let Some(before) = lines.insert(&case.id, case.line) {
+            let message = format!("the drive `{}` is there already, from line {before}: give one a `name`", case.id);
+            return Err(wrong(case.line, message));
+        }
+    }
+    if expansion.cases.is_empty() {
+        return Err(SuiteError::Wrong { file: file.to_owned(), line: None, message: "it has no [[drive]]".into() });
+    }
+    Ok(expansion.cases)
+}
+
+impl<S> Default for Entry<S> {
+    fn default() -> Self {
+        Self {
+            name: None,
+            scenarios: None,
+            exclude: None,
+            problem: None,
+            vehicle: None,
+            config: None,
+            settings: None,
+            matrix: None,
+            seeds: None,
+            repetitions: None,
+            expect: None,
+            checks: None,
+            expected_fail: None,
+            limits: None,
+            tolerances: None,
+        }
+    }
+}
+
+/// An entry with what it leaves to the defaults. Tables are laid over the defaults' key by key.
+fn with_defaults(entry: Entry<toml::Table>, defaults: &Entry<toml::Table>) -> Entry<toml::Table> {
+    fn both<V: Clone>(d: &Option<BTreeMap<String, V>>, e: Option<BTreeMap<String, V>>) -> Option<BTreeMap<String, V>> {
+        let mut all = d.clone().unwrap_or_default();
+        all.extend(e.unwrap_or_default());
+        Some(all)
+    }
+    let mut settings = defaults.settings.clone().unwrap_or_default();
+    lay_over(&mut settings, entry.settings.unwrap_or_default());
+    Entry {
+        name: entry.name,
+        scenarios: entry.scenarios,
+        exclude: entry.exclude.or_else(|| defaults.exclude.clone()),
+        problem: entry.problem.or(defaults.problem),
+        vehicle: entry.vehicle.or_else(|| defaults.vehicle.clone()),
+        config: entry.config.or_else(|| defaults.config.clone()),
+        settings: Some(settings),
+        matrix: both(&defaults.matrix, entry.matrix),
+        seeds: entry.seeds.or_else(|| defaults.seeds.clone()),
+        repetitions: entry.repetitions.or(defaults.repetitions),
+        expect: entry.expect.or_else(|| defaults.expect.clone()),
+        checks: entry.checks.or_else(|| defaults.checks.clone()),
+        expected_fail: entry.expected_fail.or_else(|| defaults.expected_fail.clone()),
+        limits: both(&defaults.limits, entry.limits),
+        tolerances: both(&defaults.tolerances, entry.tolerances),
+    }
+}
+
+/// Puts what `upper` says into `lower`, table by table.
+fn lay_over(lower: &mut toml::Table, upper: toml::Table) {
+    for (key, value) in upper {
+        match (lower.get_mut(&key), value) {
+            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => lay_over(below, above),
+            (_, value) => {
+                lower.insert(key, value);
+            }
+        }
+    }
+}
+
+struct Expansion<'a> {
+    folder: &'a Path,
+    /// Vehicles read, by what names them.
+    vehicles: BTreeMap<String, Arc<Vehicle>>,
+    cases: Vec<Case>,
+}
+
+impl Expansion<'_> {
+    fn add(&mut self, line: usize, entry: &Entry<toml::Table>) -> Result<(), String> {
+        let scenarios = self.scenarios(entry)?;
+        let default_vehicle = OneOrMore(vec![DEFAULT_VEHICLE.to_owned()]);
+        let vehicles = &entry.vehicle.as_ref().unwrap_or(&default_vehicle).0;
+        let variants = self.variants(entry)?;
+        let seeds = entry.seeds.clone().unwrap_or_else(|| vec![0]);
+        if seeds.is_empty() {
+            return Err("`seeds` is empty, expected at least one".into());
+        }
+        let count = scenarios.len().saturating_mul(vehicles.len() * variants.len() * seeds.len());
+        if self.cases.len().saturating_add(count) > MOST_DRIVES {
+            return Err(format!("{count} drives more are too many, expected {MOST_DRIVES} in a suite at most"));
+        }
+        let expected = Arc::new(Expected {
+            outcomes: entry.expect.clone().map_or_else(Vec::new, |e| e.0),
+            checks: entry.checks.clone(),
+            fail: entry.expected_fail.clone(),
+            limits: entry.limits.clone().unwrap_or_default(),
+            tolerances: entry.tolerances.clone().unwrap_or_default(),
+        });
+        for scenario in &scenarios {
+            for name in vehicles {
+                let (vehicle_name, vehicle) = self.vehicle(name)?;
+                for variant in &variants {
+                    for &seed in &seeds {
+                        let seed_told = (seeds.len() > 1).then(|| format!("seed={seed}"));
+                        let told = variant.told.iter().cloned().chain(seed_told).collect::<Vec<_>>();
+                        self.cases.push(Case {
+                            id: id(entry, scenario, name, &told),
+                            line,
+                            scenario_name: scenario.clone(),
+                            scenario: self.folder.join(scenario),
+                            problem: entry.problem,
+                            vehicle_name: vehicle_name.clone(),
+                            vehicle: Arc::clone(&vehicle),
+                            config_file: entry.config.as_ref().map(|c| self.folder.join(c)),
+                            settings: Arc::clone(&variant.settings),
+                            config: Arc::clone(&variant.config),
+                            seed,
+                            repetitions: entry.repetitions.map_or(1, |r| r.0),
+                            expected: Arc::clone(&expected),
+                        });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Files of the entry. A pattern that matches none is an error: a suite that checks nothing must not pass.
+    fn scenarios(&self, entry: &Entry<toml::Table>) -> Result<Vec<String>, String> {
+        let patterns = entry.scenarios.as_ref().ok_or("a [[drive]] needs `scenarios`: a file, a pattern, or a list")?;
+        let mut files = BTreeSet::new();
+        for pattern in &patterns.0 {
+            let folder = self.folder.display();
+            let found = glob::files(self.folder, pattern).map_err(|e| format!("`{pattern}` in {folder}: {e}"))?;
+            if found.is_empty() {
+                return Err(format!("`{pattern}` matches no file in {folder}"));
+            }
+            files.extend(found);
+        }
+        for pattern in entry.exclude.iter().flat_map(|e| &e.0) {
+            let before = files.len();
+            files.retain(|file| !glob::matches(pattern, file));
+            if files.len() == before {
+                return Err(format!("`exclude`: `{pattern}` matches none of the scenarios"));
+            }
+        }
+        if files.is_empty() {
+            return Err("`exclude` leaves no scenario".into());
+        }
+        Ok(files.into_iter().collect())
+    }
+
+    /// A vehicle and what `--vehicle` would call it. A name that is not built in is a folder relative to the suite.
+    fn vehicle(&mut self, name: &str) -> Result<(String, Arc<Vehicle>), String> {
+        let is_builtin = vehicle::builtin_names().contains(&name);
+        let called = if is_builtin { name.to_owned() } else { self.folder.join(name).to_string_lossy().into_owned() };
+        if let Some(vehicle) = self.vehicles.get(&called) {
+            return Ok((called, Arc::clone(vehicle)));
+        }
+        let vehicle = vehicle::load(&called).map_err(|e| {
+            let near = settings_file::nearest(name, vehicle::builtin_names().iter().copied());
+            near.map_or_else(|| e.to_string(), |near| format!("{e}\ndid you mean `{near}`?"))
+        })?;
+        let vehicle = Arc::new(vehicle);
+        self.vehicles.insert(called.clone(), Arc::clone(&vehicle));
+        Ok((called, vehicle))
+    }
+
+    /// The settings of an entry: file, then inline table, then each combination of the matrix.
+    fn variants(&self, entry: &Entry<toml::Table>) -> Result<Vec<Variant>, String> {
+        let mut base = toml::Table::new();
+        if let Some(config) = &entry.config {
+            let file = self.folder.join(config);
+            let text = settings_file::text(&file).map_err(|e| e.to_string())?;
+            settings_file::parse::<Settings>(&file, &text).map_err(|e| e.to_string())?;
+            base = settings_file::parse(&file, &text).map_err(|e| e.to_string())?;
+        }
+        lay_over(&mut base, entry.settings.clone().unwrap_or_default());
+        let mut combinations: Vec<Vec<(&str, &toml::Value)>> = vec![Vec::new()];
+        for (key, values) in entry.matrix.iter().flatten() {
+            if values.is_empty() {
+                return Err(format!("`matrix`: `{key}` has no values"));
+            }
+            if combinations.len().saturating_mul(values.len()) > MOST_DRIVES {
+                return Err(format!("`matrix` has more than {MOST_DRIVES} combinations"));
+            }
+            let extended =
+                |c: &Vec<_>| values.iter().map(move |v| [c.clone(), vec![(key.as_str(), v)]].concat()).collect();
+            combinations = combinations.iter().flat_map(|c| -> Vec<Vec<_>> { extended(c) }).collect();
+        }
+        combinations.iter().map(|combination| Variant::new(&base, combination)).collect()
+    }
+}
+
+/// One combination of settings.
+struct Variant {
+    /// What of the matrix it has, for the id.
+    told: Vec<String>,
+    settings: Arc<Settings>,
+    config: Arc<str>,
+}
+
+impl Variant {
+    fn new(base: &toml::Table, combination: &[(&str, &toml::Value)]) -> Result<Self, String> {
+        let mut table = base.clone();
+        let mut told = Vec::new();
+        for (path, value) in combination {
+            let mut nested = (*value).clone();
+            for key in path.rsplit('.') {
+                nested = toml::Value::Table(std::iter::once((key.to_owned(), nested)).collect());
+            }
+            if let toml::Value::Table(upper) = nested {
+                lay_over(&mut table, upper);
+            }
+            told.push(format!("{path}={}", value.to_string().trim_matches('"')));
+        }
+        let context = if told.is_empty() { "`settings`".into() } else { format!("`matrix` {}", told.join(", ")) };
+        let settings =
+            Settings::deserialize(table).map_err(|e| format!("{context}: {}", settings_file::with_suggestion(&e)))?;
+        settings.validate().map_err(|e| format!("{context}: {e}"))?;
+        let config = toml::to_string(&settings).map_err(|e| format!("{context}: cannot be told as TOML: {e}"))?;
+        Ok(Self { told, settings: Arc::new(settings), config: config.into() })
+    }
+}
+
+/// `name:scenario#problem@vehicle,key=value,…`, of which name, problem, keys are there only where the entry has them.
+fn id(entry: &Entry<toml::Table>, scenario: &str, vehicle: &str, told: &[String]) -> String {
+    let name = entry.name.as_ref().map_or_else(String::new, |n| format!("{n}:"));
+    let problem = entry.problem.map_or_else(String::new, |p| format!("#{p}"));
+    let told: String = told.iter().map(|t| format!(",{t}")).collect();
+    format!("{name}{scenario}{problem}@{vehicle}{told}")
+}

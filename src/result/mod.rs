@@ -1,0 +1,191 @@
+//! What is said of a run: whether it is a success, its figures, and all of that as JSON with a hash.
+//!
+//! The command line prints it and [`crate::regression`] keeps it; both say the same of the same run. What the wall clock
+//! measures stands apart ([`Planning::time_ms`], [`Planning::smoothing_ms`]): it is in no hash.
+
+pub(crate) mod json;
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value};
+
+use crate::bench::quantile;
+use crate::drive::{Outcome, Run, Settings};
+use crate::lattice::EdgeCounts;
+use crate::planner::{Cycle, Decision, Rejection, Smoothing, UncertaintyMode};
+use crate::simulation::{Log, Sample};
+use crate::speed::{smoothing, tail};
+use crate::verdict::{self, Metrics};
+
+/// What was run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A single planning cycle.
+    Plan,
+    /// The closed loop.
+    Drive,
+}
+
+/// What a run comes to.
+#[derive(Debug, Clone)]
+pub struct RunResult {
+    /// Whether it is a success.
+    pub held: bool,
+    /// Figures of what was driven.
+    pub metrics: Metrics,
+    /// Figures of planning.
+    pub planning: Planning,
+    /// SHA-256 of the result and of every sampled state, in hexadecimal: equal hashes mean equal runs to the last bit.
+    pub hash: String,
+    /// All of it, in the format `stopline.drive/1` or `stopline.plan/1`, without times of the wall clock.
+    pub json: Map<String, Value>,
+}
+
+impl RunResult {
+    /// Everything that is said of a run. `settings` are those that it was made with; `seed` is kept in the result.
+    #[must_use]
+    pub fn new(kind: Kind, run: &Run, settings: &Settings, seed: u64) -> Self {
+        let metrics = verdict::metrics(run.scenario, run.vehicle, &run.cycles, &run.log, &settings.verdict);
+        let (held, planning) = (held(kind, run), planning(run, settings));
+        let samples = driven(kind, run).samples;
+        let mut json = json::result(kind, run, seed, (held, &metrics, &planning), &samples);
+        let hash = json::hash(&json.clone().into(), &samples);
+        json.insert("hash".into(), hash.clone().into());
+        Self { held, metrics, planning, hash, json }
+    }
+}
+
+/// Figures of planning.
+#[derive(Debug, Clone)]
+pub struct Planning {
+    /// Cycles planned.
+    pub cycles: usize,
+    /// Those along a plan whose stop is proven.
+    pub proven_cycles: usize,
+    /// Those whose chain of edges was refined as a whole.
+    pub refined_cycles: usize,
+    /// Cycles whose plan is proven against all motions within the bounds; `None` if the settings ask for no such proof.
+    pub proven_against_set: Option<usize>,
+    /// States expanded by the speed search.
+    pub expansions: usize,
+    /// Paths looked at.
+    pub candidates: usize,
+    /// How many candidates were rejected, by reason, in the order of [`Rejection::ALL`].
+    pub rejections: Vec<(Rejection, usize)>,
+    /// What became of the lattice edges looked at.
+    pub edges: EdgeCounts,
+    /// Cycles by what became of the smoothing of the profile in force.
+    pub smoothing: BTreeMap<&'static str, usize>,
+    /// Cycles whose profile in force is unsmoothed, by reason.
+    pub unsmoothed: BTreeMap<&'static str, usize>,
+    /// Cycles whose profile in force creeps to its rest.
+    pub creeping_cycles: usize,
+    /// Of whole cycles.
+    pub time_ms: Times,
+    /// Of smoothing and its proof alone, in the cycles with a new plan.
+    pub smoothing_ms: Times,
+}
+
+/// Wall-clock times of the planning cycles, ms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Times {
+    /// Half of the cycles took no longer.
+    pub median: f64,
+    /// Ninety-nine in a hundred took no longer.
+    pub p99: f64,
+    /// The longest.
+    pub max: f64,
+}
+
+/// A plan is a success when its stop is proven, a drive when it was judged, every check held, and it came to an end that
+/// is not a failure in itself.
+fn held(kind: Kind, run: &Run) -> bool {
+    match kind {
+        Kind::Plan => run.outcome == Outcome::Planned,
+        Kind::Drive => {
+            let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision | Outcome::TimedOut);
+            !failed && !run.verdict.checks.is_empty() && run.verdict.pass()
+        }
+    }
+}
+
+fn planning(run: &Run, settings: &Settings) -> Planning {
+    let proven = |decision: Decision| !matches!(decision, Decision::Unproven);
+    let new_plans = run.cycles.iter().filter(|c| matches!(c.decision, Decision::NewPlan { .. }));
+    let mut smoothing: BTreeMap<_, _> = Smoothing::CODES.iter().map(|code| (*code, 0)).collect();
+    let mut unsmoothed: BTreeMap<_, _> = smoothing::Failure::codes().map(|code| (code, 0)).collect();
+    for cycle in &run.cycles {
+        *smoothing.entry(cycle.smoothing.code()).or_default() += 1;
+        if let Smoothing::Unsmoothed(why) = cycle.smoothing {
+            *unsmoothed.entry(why.code()).or_default() += 1;
+        }
+    }
+    let mut edges = EdgeCounts::default();
+    run.cycles.iter().for_each(|c| edges.add(&c.edges));
+    let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
+    let comfortable = run.vehicle.comfort.deceleration;
+    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::PATIENCE;
+    Planning {
+        rejections: Rejection::ALL.map(rejected).to_vec(),
+        edges,
+        cycles: run.cycles.len(),
+        proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        proven_against_set: (settings.planner.uncertainty.mode != UncertaintyMode::Off)
+            .then(|| run.cycles.iter().filter(|c| c.is_proven_against_set).count()),
+        refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
+        expansions: run.cycles.iter().map(|c| c.expansions).sum(),
+        candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
+        smoothing,
+        unsmoothed,
+        creeping_cycles: run.cycles.iter().filter(creeps).count(),
+        time_ms: Times::of(run.cycles.iter().map(|c| c.stage_seconds.total)),
+        smoothing_ms: Times::of(new_plans.map(|c| c.stage_seconds.smoothing)),
+    }
+}
+
+impl Times {
+    fn of(seconds: impl Iterator<Item = f64>) -> Self {
+        let mut times: Vec<f64> = seconds.map(|s| s * 1000.0).collect();
+        times.sort_by(f64::total_cmp);
+        Self { median: quantile(&times, 0.5), p99: quantile(&times, 0.99), max: quantile(&times, 1.0) }
+    }
+}
+
+/// What was driven; for a plan, what is planned, as if it were driven exactly.
+#[must_use]
+pub fn driven(kind: Kind, run: &Run) -> Log {
+    match kind {
+        Kind::Drive => run.log.clone(),
+        Kind::Plan => planned(run),
+    }
+}
+
+fn planned(run: &Run) -> Log {
+    /// Time between two samples, s.
+    const INTERVAL: f64 = 0.01;
+    let Some(cycle) = run.cycles.last().filter(|_| run.outcome == Outcome::Planned) else { return Log::default() };
+    let (start, end) = (cycle.committed.start_time, cycle.committed.end_time());
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a plan of seconds
+    let count = ((end - start) / INTERVAL).ceil().clamp(0.0, 1e6) as usize;
+    let sample = |i: usize| {
+        #[allow(clippy::cast_precision_loss)] // at most 1e6
+        let p = cycle.committed.at((start + i as f64 * INTERVAL).min(end));
+        let (yaw_rate, steering) = (p.speed * p.curvature, run.vehicle.steering_for_curvature(p.curvature));
+        Sample {
+            time: p.time,
+            pose: p.pose,
+            speed: p.speed,
+            lateral_speed: 0.0,
+            yaw_rate,
+            acceleration: p.acceleration,
+            lateral_acceleration: p.speed * yaw_rate,
+            steering,
+            commanded_acceleration: p.acceleration,
+            commanded_steering: steering,
+            wanted_pose: p.pose,
+            wanted_speed: p.speed,
+            wanted_station: p.station,
+        }
+    };
+    Log { samples: (0..=count).map(sample).collect(), ..Log::default() }
+}
