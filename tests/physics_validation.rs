@@ -1,17 +1,28 @@
-//! The physics of the rig against closed forms and the linear single-track model, without planner and controller.
+//! The physics of the rig against closed forms and published vehicle models, without planner and controller.
 //!
 //! Each test prints what it measured (`--nocapture`); `docs/physics.md` has the table.
 
 #[path = "../examples/manoeuvres/rig.rs"]
+#[allow(dead_code, unreachable_pub)] // the example uses all of it
 mod rig;
 
-use rig::{Instant, MANOEUVRES, Manoeuvre, TICK, bare, spin_share};
-use stopline::geometry::Pose;
-use stopline::simulation::{Command, GRAVITY, Log, Sample, Settings, World};
+use rig::{Instant, MANOEUVRES, TICK, bare, spin_share};
+use stopline::geometry::{Point, Pose};
+use stopline::simulation::{Command, FrictionRegion, GRAVITY, Log, Sample, Settings, World};
 use stopline::vehicle::{self, State, Vehicle};
 
 /// Every step is logged.
-const EACH_STEP: Settings = Settings { step: 0.001, log_rate_hz: 1000.0, control_rate_hz: 1000.0, friction_scale: 1.0 };
+const EACH_STEP: Settings =
+    Settings { step: 0.001, log_rate_hz: 1000.0, control_rate_hz: 1000.0, friction_scale: 1.0, anti_lock: true };
+
+/// Differences from the reference models that are held: yaw rate and lateral acceleration of ST, the same of MB, RMS over RMS.
+/// `docs/physics.md` says where they come from.
+const LARGEST_SHARES: [(&str, [f64; 4]); 4] = [
+    ("step_steer", [0.05, 0.05, 0.3, 0.3]),
+    ("ramp_steer", [0.1, 0.1, 0.3, 0.3]),
+    ("slalom", [0.05, 0.1, 0.3, 0.3]),
+    ("brake_in_turn", [0.1, 0.1, 0.3, 0.3]),
+];
 
 fn bmw() -> Vehicle {
     vehicle::load("bmw_320i").unwrap()
@@ -52,7 +63,7 @@ fn steady_yaw_rate_is_that_of_the_linear_single_track_model_within_two_percent_a
         ("bmw_320i", [10.0, 20.0, 35.0]),
         ("ford_escort", [10.0, 20.0, 35.0]),
         ("truck", [10.0, 15.0, 22.0]),
-        ("f1tenth", [3.0, 5.0, 8.0]),
+        ("f1tenth", [2.0, 3.0, 4.0]),
     ] {
         let v = vehicle::load(name).unwrap();
         for speed in speeds {
@@ -68,6 +79,7 @@ fn steady_yaw_rate_is_that_of_the_linear_single_track_model_within_two_percent_a
                     100.0 * off
                 );
                 println!("{figures}");
+                // the robot's tyres are so soft that a fifth of g is no longer the linear part of their curve above 5 m/s
                 assert!(off.abs() <= 0.02 && (s.lateral_acceleration.abs() / lateral - 1.0).abs() < 0.05, "{figures}");
             }
         }
@@ -126,18 +138,32 @@ fn a_turn_never_has_more_than_the_grip_and_comes_near_it() {
 }
 
 #[test]
-fn braking_at_the_limit_takes_v_squared_over_two_mu_g_within_one_percent() {
-    for (scale, speed) in [(1.0, 30.0), (1.0, 10.0), (0.5, 20.0), (0.2, 10.0)] {
-        let v = bare(&bmw(), EACH_STEP.step);
-        let settings = Settings { friction_scale: scale, ..EACH_STEP };
+fn locked_wheels_stop_within_one_percent_of_v_squared_over_two_mu_g_and_anti_lock_within_four() {
+    for (scale, speed, anti_lock) in [
+        (1.0, 30.0, false),
+        (1.0, 20.0, false),
+        (0.6, 20.0, false),
+        (0.2, 10.0, false),
+        (1.0, 30.0, true),
+        (1.0, 20.0, true),
+        (0.6, 20.0, true),
+        (0.2, 10.0, true),
+    ] {
+        let mut v = bare(&bmw(), EACH_STEP.step);
+        // enough to lock the front wheels against all that their tyres have
+        v.limits.deceleration = 30.0;
+        let settings = Settings { friction_scale: scale, anti_lock, ..EACH_STEP };
         let mut world = World::new(&v, &[], &at_speed(speed), &settings).unwrap();
         let mut log = Log::default();
         world.hold(Command { acceleration: -50.0, steering: 0.0 }, 20.0, &mut log);
         let distance = log.samples.last().unwrap().pose.position.x;
         let expected = speed * speed / (2.0 * scale * v.tyres.friction * GRAVITY);
         let off = distance / expected - 1.0;
-        println!("μ·{scale}, {speed} m/s: {distance:.3} m, v²/2μg {expected:.3} m, {:+.2} %", 100.0 * off);
-        assert!(off.abs() <= 0.01 + 0.05 / expected, "{distance} {expected}");
+        let kind = if anti_lock { "anti-lock" } else { "locked" };
+        println!("{kind} μ·{scale}, {speed} m/s: {distance:.3} m, v²/2μg {expected:.3} m, {:+.2} %", 100.0 * off);
+        // anti-lock keeps to 98 % of the grip, and loads need their time to move to the front
+        let most = if anti_lock { 0.04 } else { 0.01 };
+        assert!(off.abs() <= most, "{kind}: {distance} {expected}");
     }
 }
 
@@ -180,7 +206,9 @@ fn full_drive_gains_the_energy_that_the_power_gives() {
 #[test]
 fn time_constants_of_drive_and_steering_are_the_vehicles() {
     for name in vehicle::builtin_names() {
-        let v = vehicle::load(name).unwrap();
+        let mut v = vehicle::load(name).unwrap();
+        // it would fall with the speed while the brakes are measured
+        v.tyres.drag = 0.0;
         let speed = 0.25 * v.limits.speed;
         let response = |command: Command, measured: fn(&Sample) -> f64| {
             let mut world = World::new(&v, &[], &at_speed(speed), &EACH_STEP).unwrap();
@@ -225,48 +253,65 @@ fn a_car_with_turned_wheels_stands_a_minute_on_its_brakes() {
     }
 }
 
-/// The linear single-track model, lateral motion only, on a path of given speed (CommonRoad ST without load transfer in
-/// braking; Althoff and Würsching 2020, section 6). Returns the yaw rate and the lateral acceleration at each instant.
-fn single_track(v: &Vehicle, m: &Manoeuvre) -> Vec<[f64; 2]> {
-    let v = bare(v, 1e-3);
-    let (a, b) = (v.wheelbase - v.rear_axle_to_mass, v.rear_axle_to_mass);
-    let stiffness = |coefficient: f64, arm: f64| coefficient * v.mass * GRAVITY * arm / v.wheelbase;
-    let (front, rear) = (stiffness(v.tyres.cornering_front, b), stiffness(v.tyres.cornering_rear, a));
-    let (mut left, mut yaw_rate, mut steering) = (0.0, 0.0, 0.0);
-    let mut motion = vec![[0.0, 0.0]];
-    let (dt, steps) = (1e-4, 100);
-    for input in m.inputs() {
-        let mut lateral = 0.0;
-        for _ in 0..steps {
-            steering += input.steering_rate * dt;
-            let forces =
-                [front * (steering - (left + a * yaw_rate) / m.speed), -rear * (left - b * yaw_rate) / m.speed];
-            lateral = (forces[0] + forces[1]) / v.mass;
-            left += (lateral - yaw_rate * m.speed) * dt;
-            yaw_rate += (a * forces[0] - b * forces[1]) / v.yaw_inertia * dt;
-        }
-        motion.push([yaw_rate, lateral]);
-    }
-    motion
+/// One row of the reference: what CommonRoad's single-track (ST) and multi-body (MB) models drive under the same inputs.
+#[derive(serde::Deserialize)]
+struct Reference {
+    vehicle: u8,
+    manoeuvre: String,
+    /// Ticks since the start.
+    tick: usize,
+    st_yaw_rate: f64,
+    st_lateral_acceleration: f64,
+    st_x: f64,
+    st_y: f64,
+    mb_yaw_rate: f64,
+    mb_lateral_acceleration: f64,
 }
+
+/// Made by `benches/vehicle_models/compare.py`.
+const REFERENCE: &str = include_str!("../benches/vehicle_models/reference.csv");
 
 fn rms(values: impl Iterator<Item = f64> + Clone) -> f64 {
     (values.clone().map(|x| x * x).sum::<f64>() / values.count() as f64).sqrt()
 }
 
+/// RMS of the difference of two series over the RMS of the second one.
+fn share(pairs: &[(f64, f64)]) -> f64 {
+    rms(pairs.iter().map(|(a, b)| a - b)) / rms(pairs.iter().map(|(_, b)| *b))
+}
+
 #[test]
-fn steps_and_slaloms_are_those_of_the_linear_single_track_model_within_five_percent_rms() {
-    let v = bmw();
-    for m in MANOEUVRES.iter().filter(|m| ["step_steer", "slalom"].contains(&m.name)) {
-        let driven = m.drive(&v, Pose::new(0.0, 0.0, 0.0), &Settings::default()).unwrap();
-        let linear = single_track(&v, m);
-        assert_eq!(driven.len(), linear.len());
-        let measured: [fn(&Instant) -> f64; 2] = [|s| s.yaw_rate, |s| s.lateral_acceleration];
-        for (i, (name, measured)) in ["yaw rate", "lateral acceleration"].iter().zip(measured).enumerate() {
-            let apart = rms(driven.iter().zip(&linear).map(|(s, l)| measured(s) - l[i]));
-            let share = apart / rms(linear.iter().map(|l| l[i]));
-            println!("{} {name}: {:.2} % RMS", m.name, 100.0 * share);
-            assert!(share <= 0.05, "{} {name}: {share}", m.name);
+fn manoeuvres_are_those_of_the_single_track_and_multi_body_models_within_the_stated_shares() {
+    let reference: Vec<Reference> =
+        csv::Reader::from_reader(REFERENCE.as_bytes()).deserialize().collect::<Result<_, _>>().unwrap();
+    for (name, number) in [("ford_escort", 1), ("bmw_320i", 2)] {
+        let v = vehicle::load(name).unwrap();
+        for m in &MANOEUVRES {
+            let rows: Vec<&Reference> =
+                reference.iter().filter(|r| r.vehicle == number && r.manoeuvre == m.name).collect();
+            assert!(rows.len() > 90, "{name} {}: {} rows", m.name, rows.len());
+            let driven = m.drive(&v, Pose::new(-v.rear_axle_to_mass, 0.0, 0.0), &Settings::default()).unwrap();
+            let pairs = |measured: fn(&Instant) -> f64, wanted: fn(&Reference) -> f64| -> Vec<(f64, f64)> {
+                rows.iter().map(|r| (measured(&driven[r.tick]), wanted(r))).collect()
+            };
+            let yaw = share(&pairs(|s| s.yaw_rate, |r| r.st_yaw_rate));
+            let lateral = share(&pairs(|s| s.lateral_acceleration, |r| r.st_lateral_acceleration));
+            let yaw_mb = share(&pairs(|s| s.yaw_rate, |r| r.mb_yaw_rate));
+            let lateral_mb = share(&pairs(|s| s.lateral_acceleration, |r| r.mb_lateral_acceleration));
+            let off = rows.iter().map(|r| (driven[r.tick].position - Point::new(r.st_x, r.st_y)).norm());
+            let figures = format!(
+                "{name} {}: yaw rate {:.2} % of ST, {:.2} % of MB; lateral acceleration {:.2} %, {:.2} %; {:.2} m from ST",
+                m.name,
+                100.0 * yaw,
+                100.0 * yaw_mb,
+                100.0 * lateral,
+                100.0 * lateral_mb,
+                off.fold(0.0, f64::max)
+            );
+            println!("{figures}");
+            let most = LARGEST_SHARES.iter().find(|(name, _)| *name == m.name).unwrap().1;
+            let found = [yaw, lateral, yaw_mb, lateral_mb];
+            assert!(found.iter().zip(most).all(|(found, most)| *found <= most), "{figures}, at most {most:?}");
         }
     }
 }
@@ -303,7 +348,65 @@ fn halving_the_step_again_and_again_converges_at_first_order() {
         let runs = [0.002, 0.001, 0.0005, 0.00025].map(with);
         let changes = [0, 1, 2].map(|i| apart(&runs[i], &runs[i + 1], |p| p));
         println!("{}: steps of 2, 1, ½, ¼ ms: {changes:.5?} m", m.name);
-        assert!(changes[1] < 0.02, "{}: {changes:?} m", m.name);
+        let way: f64 = runs[1].windows(2).map(|w| (w[1].position - w[0].position).norm()).sum();
+        assert!(changes[1] < 2e-4 * way, "{}: {changes:?} m on {way} m", m.name);
         assert!(changes[1] < 0.7 * changes[0] && changes[2] < 0.7 * changes[1], "{}: {changes:?} m", m.name);
     }
+}
+
+#[test]
+fn mirrored_each_manoeuvre_is_the_mirror_image() {
+    let v = bmw();
+    let origin = Pose::new(0.0, 0.0, 0.0);
+    for m in &MANOEUVRES {
+        let (left, right) = (m, m.mirrored());
+        let a = left.drive(&v, origin, &Settings::default()).unwrap();
+        let b = right.drive(&v, origin, &Settings::default()).unwrap();
+        let worst = apart(&a, &b, |p| Pose { position: Point::new(p.position.x, -p.position.y), yaw: -p.yaw });
+        println!("{} mirrored: {worst:.1e} m", m.name);
+        assert!(worst < 1e-9, "{}: {worst} m", m.name);
+    }
+}
+
+#[test]
+fn ten_repetitions_are_the_same_to_the_bit() {
+    let v = bmw();
+    for m in &MANOEUVRES {
+        let bits = || -> Vec<[u64; 4]> {
+            let driven = m.drive(&v, Pose::new(1e5, -2e5, 0.3), &Settings::default()).unwrap();
+            driven.iter().map(|s| [s.position.x, s.position.y, s.yaw, s.yaw_rate].map(f64::to_bits)).collect()
+        };
+        let first = bits();
+        assert!((1..10).all(|_| bits() == first), "{}", m.name);
+    }
+}
+
+#[test]
+fn one_side_on_ice_turns_the_braking_car_to_the_dry_side_and_ice_all_over_lengthens_the_stop() {
+    let v = bmw();
+    let braked = |polygon: &[[f64; 2]], anti_lock: bool| {
+        let ice = FrictionRegion { factor: 0.15, polygon: polygon.to_vec() };
+        let settings = Settings { anti_lock, ..Settings::default() };
+        let world = World::new(&v, &[], &at_speed(15.0), &settings).unwrap();
+        let mut world = world.with_friction(&[ice]).unwrap();
+        let mut log = Log::default();
+        world.hold(Command { acceleration: -8.0, steering: 0.0 }, 1.0, &mut log);
+        (world.state(), log)
+    };
+    let left = [[-50.0, 0.0], [200.0, 0.0], [200.0, 10.0], [-50.0, 10.0]];
+    let right = left.map(|[x, y]| [x, -y]);
+    for anti_lock in [true, false] {
+        let (on_left, on_right) = (braked(&left, anti_lock).0, braked(&right, anti_lock).0);
+        println!("left side on ice, anti-lock {anti_lock}: {:+.3} rad/s after 1 s", on_left.yaw_rate);
+        assert!(on_left.yaw_rate < -0.1 && (on_left.yaw_rate + on_right.yaw_rate).abs() < 1e-9, "{on_left:?}");
+    }
+    // dry up to x = 5 m, ice beyond: each axle loses its grip as it gets there
+    let beyond = [[5.0, -10.0], [200.0, -10.0], [200.0, 10.0], [5.0, 10.0]];
+    let (_, log) = braked(&beyond, true);
+    let hardest = |from: f64, to: f64| {
+        let there = log.samples.iter().filter(|s| s.pose.position.x > from && s.pose.position.x < to);
+        there.map(|s| -s.acceleration).fold(0.0, f64::max)
+    };
+    let ice = 0.15 * v.tyres.friction * GRAVITY + 0.02 * 15.0;
+    assert!(hardest(0.0, 2.0) > 2.0 && hardest(5.5, 100.0) <= ice, "{} {}", hardest(0.0, 2.0), hardest(5.5, 100.0));
 }

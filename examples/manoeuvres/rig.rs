@@ -1,10 +1,11 @@
 //! Open-loop manoeuvres, and how the rig drives them: the inputs go straight into steering, drive and brakes.
 //!
+//! Shared by the example that writes them to files and by the tests that hold the rig to the reference models.
 //! The inputs are those of the CommonRoad vehicle models: steering rate and longitudinal acceleration, constant over each
 //! [`TICK`]. What those models do not have is taken out of the vehicle by [`bare`]: lags, drag, rolling resistance.
 
 use stopline::geometry::{Point, Pose};
-use stopline::simulation::{Command, Log, Settings, SimulationError, World};
+use stopline::simulation::{Command, GRAVITY, Log, Settings, SimulationError, World};
 use stopline::vehicle::{State, Vehicle};
 
 /// Time over which the inputs are constant, s.
@@ -20,10 +21,13 @@ pub struct Manoeuvre {
     pub speed: f64,
     /// Duration, s.
     pub duration: f64,
-    /// Steering angle of the virtual middle front wheel over the time since the beginning of the manoeuvre, rad.
-    steering: fn(f64) -> f64,
+    /// Steering angle of the virtual middle front wheel over the wheelbase, over the time since the beginning of the
+    /// manoeuvre, 1/m: at small angles the curvature that a neutral vehicle drives.
+    curvature: fn(f64) -> f64,
     /// Longitudinal acceleration over the same time, m/s².
     acceleration: fn(f64) -> f64,
+    /// 1, or −1 for the mirror image.
+    side: f64,
 }
 
 /// What drives the vehicle during one tick.
@@ -56,43 +60,53 @@ pub struct Instant {
 
 /// The manoeuvres of the comparison.
 ///
-/// Steering rates stay below the 0.4 rad/s of the published parameters. For a neutral car of 2.58 m wheelbase the
-/// steady lateral acceleration of the step at 20 m/s is 0.3 g, of the slalom's peaks at 15 m/s about 0.35 g.
+/// Steering rates stay below the 0.4 rad/s of the published parameters. For a neutral vehicle the steady lateral acceleration
+/// of the step is 0.3 g, at the end of the ramp 0.6 g, of the slalom's peaks about 0.35 g.
 pub const MANOEUVRES: [Manoeuvre; 4] = [
     // as in ISO 7401: straight driving, then a step
-    Manoeuvre { name: "step_steer", speed: 20.0, duration: 5.0, steering: step, acceleration: |_| 0.0 },
+    Manoeuvre { name: "step_steer", speed: 20.0, duration: 5.0, curvature: step, acceleration: |_| 0.0, side: 1.0 },
     // as in ISO 4138, constant speed and slowly more steering: up to 0.6 g
-    Manoeuvre { name: "ramp_steer", speed: 20.0, duration: 8.5, steering: |t| 0.005 * t, acceleration: |_| 0.0 },
+    Manoeuvre { name: "ramp_steer", speed: 20.0, duration: 8.5, curvature: |t| 0.0019 * t, acceleration: |_| 0.0, side: 1.0 },
     // four periods of 2 s
     Manoeuvre {
         name: "slalom",
         speed: 15.0,
         duration: 8.5,
-        steering: |t| 0.04 * (std::f64::consts::PI * t).sin(),
+        curvature: |t| 0.0155 * (std::f64::consts::PI * t).sin(),
         acceleration: |_| 0.0,
+        side: 1.0,
     },
     // as in ISO 7975: a steady turn, then brakes
     Manoeuvre {
         name: "brake_in_turn",
         speed: 20.0,
         duration: 5.5,
-        steering: step,
+        curvature: step,
         acceleration: |t| if t < 2.5 { 0.0 } else { -4.0 },
+        side: 1.0,
     },
 ];
 
-/// A step to 0.019 rad, at 0.2 rad/s.
+/// A step to 0.3 g at 20 m/s, within a tenth of a second.
 fn step(time: f64) -> f64 {
-    (0.2 * time).min(0.019)
+    (0.075 * time).min(0.3 * GRAVITY / 400.0)
 }
 
 impl Manoeuvre {
+    /// The mirror image.
+    pub fn mirrored(&self) -> Self {
+        Self { side: -self.side, ..*self }
+    }
+
     /// The inputs, tick by tick.
-    pub fn inputs(&self) -> Vec<Input> {
+    pub fn inputs(&self, vehicle: &Vehicle) -> Vec<Input> {
         let since = |tick: usize| (TICK * tick as f64 - BEGIN).max(0.0);
         (0..(self.duration / TICK).round() as usize)
             .map(|tick| Input {
-                steering_rate: ((self.steering)(since(tick + 1)) - (self.steering)(since(tick))) / TICK,
+                steering_rate: self.side
+                    * vehicle.wheelbase
+                    * ((self.curvature)(since(tick + 1)) - (self.curvature)(since(tick)))
+                    / TICK,
                 acceleration: (self.acceleration)(since(tick)),
             })
             .collect()
@@ -110,7 +124,7 @@ impl Manoeuvre {
         let (mut instants, mut steering) = (vec![instant(&vehicle, &world.state(), 0.0)], 0.0);
         let steps = (TICK / settings.step).round() as usize;
         let mut log = Log::default();
-        for (tick, input) in self.inputs().iter().enumerate() {
+        for (tick, input) in self.inputs(&vehicle).iter().enumerate() {
             for step in 1..=steps {
                 let angle = steering + input.steering_rate * settings.step * step as f64;
                 let command = Command { acceleration: input.acceleration * spin_share(&vehicle), steering: angle };

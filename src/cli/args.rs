@@ -150,6 +150,11 @@ pub(super) struct RunArgs {
     #[arg(long, value_name = "FILE.yaml")]
     pub(super) grid: Option<PathBuf>,
 
+    /// Friction of the road: a factor or dry, wet, ice for all of it; or a file of `[[friction]]` tables with a `factor` and a
+    /// `polygon` each.
+    #[arg(long, value_name = "FACTOR|FILE.toml", allow_negative_numbers = true)]
+    pub(super) friction: Option<String>,
+
     /// Which planning problem of the file; needed if it has several.
     #[arg(long, value_name = "ID", allow_negative_numbers = true)]
     pub(super) problem: Option<i64>,

@@ -7,6 +7,7 @@ use super::args::RunArgs;
 use super::engine::Settings;
 use crate::io::{commonroad, files, ros_map};
 use crate::map::{PlanningProblem, Scenario};
+use crate::simulation;
 use crate::vehicle::{self, Vehicle};
 
 /// Which command.
@@ -50,6 +51,8 @@ impl Job {
     pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
         let mut inputs = vec![args.scenario.clone()];
         inputs.extend(args.config.iter().chain(&args.grid).cloned());
+        let friction = args.friction.as_deref().map(Friction::of);
+        inputs.extend(friction.iter().filter_map(Friction::file));
         inputs.extend(args.grid.as_deref().and_then(ros_map::image_of));
         inputs.extend(vehicle::files_of(&args.vehicle));
         let outputs = Outputs {
@@ -66,7 +69,10 @@ impl Job {
             scenario.overlay(ros_map::read_file(file).map_err(Failure::file)?, &file.display().to_string());
         }
         let problem = choose(&scenario, args.problem, &args.scenario)?;
-        let settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
+        let mut settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
+        if let Some(friction) = friction {
+            friction.apply(&mut settings)?;
+        }
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
         if outputs.solution.is_some() && vehicle.commonroad_type.is_none() {
             let reason = format!("--solution needs a vehicle with a CommonRoad type; {} has none", vehicle.name);
@@ -110,14 +116,62 @@ fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Fa
 
 /// Reads settings from TOML and checks their ranges.
 fn settings(file: &Path) -> Result<Settings, Failure> {
-    /// Largest settings file, bytes.
+    let settings: Settings = from_toml(file)?;
+    settings.validate().map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
+    Ok(settings)
+}
+
+/// Reads TOML.
+fn from_toml<T: serde::de::DeserializeOwned>(file: &Path) -> Result<T, Failure> {
+    /// Largest file, bytes.
     const MAX_BYTES: u64 = 1 << 20;
     let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {}", file.display(), e.to_string().trim_end()));
     let bytes = files::read(file, MAX_BYTES).map_err(Failure::file)?;
     let text = std::str::from_utf8(&bytes).map_err(|e| error(&format_args!("not UTF-8 text: {e}")))?;
-    let settings: Settings = toml::from_str(text).map_err(|e| error(&e))?;
-    settings.validate().map_err(|e| error(&e))?;
-    Ok(settings)
+    toml::from_str(text).map_err(|e| error(&e))
+}
+
+/// What `--friction` asks for.
+enum Friction {
+    Everywhere(f64),
+    Regions(PathBuf),
+}
+
+impl Friction {
+    fn of(text: &str) -> Self {
+        let factor = simulation::surface(text).or_else(|| text.parse().ok());
+        factor.map_or_else(|| Self::Regions(text.into()), Self::Everywhere)
+    }
+
+    fn file(&self) -> Option<PathBuf> {
+        match self {
+            Self::Everywhere(_) => None,
+            Self::Regions(file) => Some(file.clone()),
+        }
+    }
+
+    /// Goes before what the settings say: the factor before theirs, the regions after, and so on top of theirs.
+    fn apply(self, settings: &mut Settings) -> Result<(), Failure> {
+        #[derive(serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Regions {
+            friction: Vec<simulation::FrictionRegion>,
+        }
+        match self {
+            Self::Everywhere(factor) => {
+                settings.simulation.friction_scale = factor;
+                settings.validate().map_err(|e| Failure::Use(format!("--friction: {e}")))
+            }
+            Self::Regions(file) => {
+                let regions = from_toml::<Regions>(&file)?.friction;
+                for (index, region) in regions.iter().enumerate() {
+                    region.validate(index).map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
+                }
+                settings.friction.extend(regions);
+                Ok(())
+            }
+        }
+    }
 }
 
 /// One name for one file, also where the file does not exist yet.

@@ -105,7 +105,8 @@ pub fn drive<'a>(
         return Ok(run);
     }
     let initial = initial_state(problem, vehicle, begins);
-    let mut world = World::new(vehicle, &scenario.obstacles, &initial, &settings.simulation)?;
+    let world = World::new(vehicle, &scenario.obstacles, &initial, &settings.simulation)?;
+    let mut world = world.with_friction(&settings.friction)?;
     if let Some(grid) = &scenario.occupancy {
         world = world.with_occupancy(grid);
     }

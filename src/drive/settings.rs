@@ -11,6 +11,9 @@ pub struct Settings {
     pub planner: planner::Settings,
     /// The physics rig.
     pub simulation: simulation::Settings,
+    /// Patches of road with other friction, as `[[friction]]` tables.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub friction: Vec<simulation::FrictionRegion>,
     /// The closed loop.
     pub run: RunSettings,
 }
@@ -71,6 +74,11 @@ impl Settings {
         self.planner.collision.validate().or_else(|e| {
             wrong(format!("planner.collision.{}", e.field), e.value, format!("from {} to {}", e.min, e.max))
         })?;
+        for (index, region) in self.friction.iter().enumerate() {
+            if let Err(SimulationError::Friction { key, value, expected, .. }) = region.validate(index) {
+                return wrong(format!("friction[{index}].{key}"), value, expected);
+            }
+        }
         match self.simulation.validate() {
             Err(SimulationError::Setting { name, value, expected }) => {
                 wrong(format!("simulation.{name}"), value, expected)
