@@ -136,7 +136,7 @@ def ticks(low, high):
 
 
 def number(value):
-    return f"{value:.4g}".replace("-", "−")
+    return f"{round(value, 9) + 0.0:.4g}".replace("-", "−")
 
 
 def panel(x, y, time, series, title, label):
@@ -153,7 +153,7 @@ def panel(x, y, time, series, title, label):
     for t in range(0, int(time[-1]) + 1, 2):
         out.append(f'<text x="{px(t):.1f}" y="{y + HEIGHT + 13}" text-anchor="middle">{t}</text>')
     for values, (_, colour, width, dashes) in zip(series, LINES):
-        points = " ".join(f"{px(t):.1f},{py(v):.1f}" for t, v in zip(time[::2], values[::2]))
+        points = " ".join(f"{px(t):.1f},{py(v):.1f}" for t, v in zip(time[::3], values[::3]))
         dash = f' stroke-dasharray="{dashes}"' if dashes else ""
         out.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="{width}"{dash}/>')
     if title:

@@ -4,6 +4,7 @@
 //!
 //! `cargo run --release --example manoeuvres -- DIR`
 
+#[allow(dead_code)] // the tests use the rest
 mod rig;
 
 use std::error::Error;

@@ -9,18 +9,18 @@ use stopline::simulation::{Command, GRAVITY, Log, Settings, SimulationError, Wor
 use stopline::vehicle::{State, Vehicle};
 
 /// Time over which the inputs are constant, s.
-pub const TICK: f64 = 0.01;
+pub(crate) const TICK: f64 = 0.01;
 /// Moment at which each manoeuvre begins; until then the vehicle drives straight on, s.
 const BEGIN: f64 = 0.5;
 
 /// A manoeuvre: inputs over time, from straight driving at a speed.
-pub struct Manoeuvre {
+pub(crate) struct Manoeuvre {
     /// Name, as in file names.
-    pub name: &'static str,
+    pub(crate) name: &'static str,
     /// Initial speed, m/s.
-    pub speed: f64,
+    pub(crate) speed: f64,
     /// Duration, s.
-    pub duration: f64,
+    pub(crate) duration: f64,
     /// Steering angle of the virtual middle front wheel over the wheelbase, over the time since the beginning of the
     /// manoeuvre, 1/m: at small angles the curvature that a neutral vehicle drives.
     curvature: fn(f64) -> f64,
@@ -32,41 +32,48 @@ pub struct Manoeuvre {
 
 /// What drives the vehicle during one tick.
 #[derive(Debug, Clone, Copy)]
-pub struct Input {
+pub(crate) struct Input {
     /// Steering rate, rad/s.
-    pub steering_rate: f64,
+    pub(crate) steering_rate: f64,
     /// Longitudinal acceleration, m/s².
-    pub acceleration: f64,
+    pub(crate) acceleration: f64,
 }
 
 /// The vehicle's motion at a moment, at the centre of mass.
 #[derive(Debug, Clone, Copy)]
-pub struct Instant {
+pub(crate) struct Instant {
     /// Time, s.
-    pub time: f64,
+    pub(crate) time: f64,
     /// Position of the centre of mass, m.
-    pub position: Point,
+    pub(crate) position: Point,
     /// Yaw, rad.
-    pub yaw: f64,
+    pub(crate) yaw: f64,
     /// Steering angle, rad.
-    pub steering: f64,
+    pub(crate) steering: f64,
     /// Speed along the heading, m/s.
-    pub speed: f64,
+    pub(crate) speed: f64,
     /// Yaw rate, rad/s.
-    pub yaw_rate: f64,
+    pub(crate) yaw_rate: f64,
     /// Acceleration to the left, m/s².
-    pub lateral_acceleration: f64,
+    pub(crate) lateral_acceleration: f64,
 }
 
 /// The manoeuvres of the comparison.
 ///
 /// Steering rates stay below the 0.4 rad/s of the published parameters. For a neutral vehicle the steady lateral acceleration
 /// of the step is 0.3 g, at the end of the ramp 0.6 g, of the slalom's peaks about 0.35 g.
-pub const MANOEUVRES: [Manoeuvre; 4] = [
+pub(crate) const MANOEUVRES: [Manoeuvre; 4] = [
     // as in ISO 7401: straight driving, then a step
     Manoeuvre { name: "step_steer", speed: 20.0, duration: 5.0, curvature: step, acceleration: |_| 0.0, side: 1.0 },
     // as in ISO 4138, constant speed and slowly more steering: up to 0.6 g
-    Manoeuvre { name: "ramp_steer", speed: 20.0, duration: 8.5, curvature: |t| 0.0019 * t, acceleration: |_| 0.0, side: 1.0 },
+    Manoeuvre {
+        name: "ramp_steer",
+        speed: 20.0,
+        duration: 8.5,
+        curvature: |t| 0.0019 * t,
+        acceleration: |_| 0.0,
+        side: 1.0,
+    },
     // four periods of 2 s
     Manoeuvre {
         name: "slalom",
@@ -94,12 +101,12 @@ fn step(time: f64) -> f64 {
 
 impl Manoeuvre {
     /// The mirror image.
-    pub fn mirrored(&self) -> Self {
+    pub(crate) fn mirrored(&self) -> Self {
         Self { side: -self.side, ..*self }
     }
 
     /// The inputs, tick by tick.
-    pub fn inputs(&self, vehicle: &Vehicle) -> Vec<Input> {
+    pub(crate) fn inputs(&self, vehicle: &Vehicle) -> Vec<Input> {
         let since = |tick: usize| (TICK * tick as f64 - BEGIN).max(0.0);
         (0..(self.duration / TICK).round() as usize)
             .map(|tick| Input {
@@ -116,7 +123,12 @@ impl Manoeuvre {
     ///
     /// # Errors
     /// A setting out of its range.
-    pub fn drive(&self, vehicle: &Vehicle, from: Pose, settings: &Settings) -> Result<Vec<Instant>, SimulationError> {
+    pub(crate) fn drive(
+        &self,
+        vehicle: &Vehicle,
+        from: Pose,
+        settings: &Settings,
+    ) -> Result<Vec<Instant>, SimulationError> {
         let vehicle = bare(vehicle, settings.step);
         let initial =
             State { time: 0.0, pose: from, speed: self.speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
@@ -140,12 +152,12 @@ impl Manoeuvre {
 
 /// The force that an acceleration takes, over the vehicle's mass times that acceleration: the wheels' spin takes its part.
 /// The tracking controller asks for the same.
-pub fn spin_share(vehicle: &Vehicle) -> f64 {
+pub(crate) fn spin_share(vehicle: &Vehicle) -> f64 {
     1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius.powi(2))
 }
 
 /// The vehicle without lags, drag and rolling resistance: the steering does within a physics step what it is told.
-pub fn bare(vehicle: &Vehicle, step: f64) -> Vehicle {
+pub(crate) fn bare(vehicle: &Vehicle, step: f64) -> Vehicle {
     let mut bare = vehicle.clone();
     bare.limits.steering_acceleration = 1e9;
     bare.actuators.steering_lag = step;

@@ -22,7 +22,7 @@
 //! vehicles and speeds.
 //!
 //! Weak where: friction lower than the vehicle's own is not known to the controller; trajectories that ask for more
-//! than the tyres have are followed as far as they go.
+//! than the tyres have are followed as far as they go; hard braking in a turn is left to the feedback (see [`inverse`]).
 
 mod inverse;
 #[cfg(test)]
@@ -64,9 +64,9 @@ const STOP_TOLERANCE: f64 = 0.03;
 const AIM_SHORT: f64 = 0.01;
 /// Distance before the end over which the aim moves short, m.
 const AIM_BLEND: f64 = 5.0;
-/// How early brakes let go of a stop without a ramp, over their lag: at 1 the vehicle would roll Δa τ²/2 beyond the end, at
-/// ½ it would be on the spot; in between it is softer.
-const STOP_RELEASE: f64 = 0.7;
+/// How early brakes let go of a stop without a ramp, over their lag: at 1 the vehicle would roll Δa τ²/2 beyond the end, at ½
+/// it is on the spot but for 0.03 Δa τ², and the end still softer than planned.
+const STOP_RELEASE: f64 = 0.5;
 /// Deceleration with which the brakes hold at rest, m/s².
 const HOLD: f64 = 2.0;
 
@@ -90,7 +90,8 @@ pub(super) fn command(vehicle: &Vehicle, trajectory: &Trajectory, state: &State,
     let here = project(&trajectory.path, state.pose.position, wanted.station);
     let speed = state.speed.max(0.0);
     let effort = wanted.acceleration + resistance(vehicle, speed);
-    let model = Inverse::new(vehicle, &trajectory.path, Drive { speed, acceleration: wanted.acceleration, effort });
+    let drive = Drive { speed, acceleration: wanted.acceleration, effort };
+    let model = Inverse::new(vehicle, &trajectory.path, drive);
     Command {
         steering: steering(vehicle, &model, state, &here, 0.5 * period),
         acceleration: acceleration(vehicle, trajectory, state, here.station, 0.5 * period),
@@ -253,11 +254,26 @@ mod tests {
 
     #[test]
     fn a_lag_that_is_asked_for_what_forced_says_gives_the_profile() {
-        let smooth = [knot(-1.0, 0.0, 0.0), knot(0.0, 0.0, -2.5), knot(0.6, -1.5, 0.0), knot(1.5, -1.5, 2.5), knot(2.1, 0.0, 0.0)];
-        let jumps = [knot(-1.0, 0.0, 0.0), knot(0.0, -1.5, 0.0), knot(0.8, -1.5, 1.0), knot(1.8, -0.5, 0.0), knot(2.1, 0.0, 0.0)];
+        let smooth = [
+            knot(-1.0, 0.0, 0.0),
+            knot(0.0, 0.0, -2.5),
+            knot(0.6, -1.5, 0.0),
+            knot(1.5, -1.5, 2.5),
+            knot(2.1, 0.0, 0.0),
+        ];
+        let jumps = [
+            knot(-1.0, 0.0, 0.0),
+            knot(0.0, -1.5, 0.0),
+            knot(0.8, -1.5, 1.0),
+            knot(1.8, -0.5, 0.0),
+            knot(2.1, 0.0, 0.0),
+        ];
         for lag in [0.05, 0.1, 0.3] {
             let (end, worst) = speed_error(&SpeedProfile::new(smooth.to_vec()).unwrap(), lag);
-            assert!(end.abs() < 1e-3 && worst < 1e-3, "smooth, lag {lag} s: {end} m/s at the end, {worst} m/s at worst");
+            assert!(
+                end.abs() < 1e-3 && worst < 1e-3,
+                "smooth, lag {lag} s: {end} m/s at the end, {worst} m/s at worst"
+            );
             let (end, worst) = speed_error(&SpeedProfile::new(jumps.to_vec()).unwrap(), lag);
             // in between, a jump costs what the lag's exponential does
             assert!(end.abs() < 1e-3 && worst < 1.5 * lag * 0.4, "jumps, lag {lag} s: {end} m/s, {worst} m/s at worst");
@@ -267,7 +283,8 @@ mod tests {
     #[test]
     fn the_aim_moves_short_of_a_stop_only_and_without_a_jump() {
         let ends = |speed: f64| {
-            SpeedProfile::new(vec![knot(0.0, 0.0, 0.0), SpeedKnot { station: 30.0, speed, ..knot(3.0, 0.0, 0.0) }]).unwrap()
+            SpeedProfile::new(vec![knot(0.0, 0.0, 0.0), SpeedKnot { station: 30.0, speed, ..knot(3.0, 0.0, 0.0) }])
+                .unwrap()
         };
         assert_eq!((aimed(&ends(5.0), 30.0), aimed(&ends(0.0), 20.0)), (30.0, 20.0));
         let samples: Vec<f64> = (0..=300).map(|i| aimed(&ends(0.0), 0.1 * f64::from(i))).collect();

@@ -136,9 +136,9 @@ impl Patch {
             return false;
         }
         let before = self.corners.iter().skip(self.corners.len() - 1).chain(&self.corners);
-        let crossed = before.zip(&self.corners).filter(|(a, b)| {
-            (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x)
-        });
+        let crossed = before
+            .zip(&self.corners)
+            .filter(|(a, b)| (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x));
         crossed.count() % 2 == 1
     }
 }
@@ -157,7 +157,8 @@ mod tests {
     fn the_last_patch_counts_and_a_notch_is_outside() {
         let notched = [[-1.0, -1.0], [5.0, -1.0], [5.0, 5.0], [3.0, 1.0], [-1.0, 5.0]];
         for origin in [Point::origin(), Point::new(1e6, -1e6)] {
-            let moved = |polygon: &[[f64; 2]]| polygon.iter().map(|[x, y]| [x + origin.x, y + origin.y]).collect::<Vec<_>>();
+            let moved =
+                |polygon: &[[f64; 2]]| polygon.iter().map(|[x, y]| [x + origin.x, y + origin.y]).collect::<Vec<_>>();
             let regions = [region(0.6, &moved(&notched)), region(0.15, &moved(&SQUARE))];
             let map = FrictionMap::new(&regions, &Frame::at(origin)).unwrap();
             for ((x, y), factor) in

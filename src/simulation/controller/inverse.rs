@@ -9,19 +9,23 @@
 //! - lateral force of an axle over the mass that rests on it: front v² κ + (b + k²/b) ṙ, rear v² κ + (b − k²/a) ṙ, where the
 //!   rear one leaves d²α_r/ds² out, since its arm is short;
 //! - slip angle for a force: the brush curve inverted, tan α = 3 μ/c · (1 − ∛(1 − ρ)) · ρ_y/ρ with the share ρ of the grip that
-//!   side force ρ_y and the pull of drive or brakes take together; loads as they are shifted by the acceleration. All of it
-//!   is read ahead by the relaxation length, on which slip builds up its force;
+//!   side force ρ_y and the pull of drive or brakes take together; loads as the acceleration shifts them. All of it is read
+//!   ahead by the relaxation length, on which slip builds up its force;
 //! - the front wheels' angle δ = atan(L (κ + dα_r/ds) − tan α_r) + α_f.
 //!
 //! Derivatives are differences over some distance, since those of curvature jump where spirals meet.
-//! Weak where: no load shift between the sides, friction is the vehicle's own, v² dκ/ds leaves out the change of speed.
+//! Weak where: friction is the vehicle's own, v² dκ/ds leaves out the change of speed, and hard braking counts as a firm one
+//! ([`FIRM`]). Near the limit the inversion is ill-conditioned: a little force asks for much slip, and how anti-lock splits the
+//! brakes is not known here. Tried, it steered worse in emergency braking, and feedback does better.
 
 use super::super::chassis::GRAVITY;
 use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
-/// Share of the grip beyond which slip is not raised any further: there the curve is nearly flat.
-const LARGEST_SHARE: f64 = 0.95;
+/// Share of the grip beyond which slip is not raised any further: the flatter the curve, the less a force says about slip.
+const LARGEST_SHARE: f64 = 0.7;
+/// Largest acceleration and deceleration whose effect on grip and loads is counted, m/s²: a quarter of a dry road's.
+const FIRM: f64 = 2.5;
 /// Time to either side over which first derivatives are taken, s: half of a steering's lag, which smooths the rest.
 const SPAN_TIME: f64 = 0.04;
 /// The same for second ones.
@@ -66,13 +70,13 @@ impl<'a> Inverse<'a> {
     pub(super) fn new(vehicle: &'a Vehicle, path: &'a Path, drive: Drive) -> Self {
         let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
         let (a, tyres, actuators) = (base - b, &vehicle.tyres, &vehicle.actuators);
-        let front_share =
-            if drive.effort > 0.0 { actuators.drive_front_share } else { actuators.brake_front_share };
+        let (acceleration, effort) = (drive.acceleration.clamp(-FIRM, FIRM), drive.effort.clamp(-FIRM, FIRM));
+        let front_share = if effort > 0.0 { actuators.drive_front_share } else { actuators.brake_front_share };
+        // the share of the mass on an axle is the other axle's lever over the wheelbase
         let axle = |arm: f64, lever: f64, shift: f64, share: f64, stiffness: f64| {
-            // half of the static load at least: what is asked for may be more than the tyres can do
-            let gravity = (GRAVITY + drive.acceleration * vehicle.mass_height * shift).max(0.5 * GRAVITY);
+            let gravity = (GRAVITY + acceleration * vehicle.mass_height * shift).max(0.5 * GRAVITY);
             let grip = tyres.friction * gravity;
-            let pull = (drive.effort * share * base / (lever * grip)).abs().min(LARGEST_SHARE);
+            let pull = (effort * share * base / (lever * grip)).abs().min(LARGEST_SHARE);
             Axle { arm, grip, pull, sliding: 3.0 * tyres.friction / stiffness }
         };
         let front = axle(b + k2 / b, b, -1.0 / b, front_share, tyres.cornering_front);
@@ -176,7 +180,7 @@ mod tests {
     fn more_than_the_grip_is_answered_with_a_finite_angle() {
         let v = vehicle::load("bmw_320i").unwrap();
         let path = circle(0.3);
-        for drive in [coasting(30.0), Drive { acceleration: -50.0, effort: -50.0, ..coasting(30.0) }] {
+        for drive in [coasting(30.0), Drive { acceleration: -50.0, effort: -50.0, speed: 30.0 }] {
             let angle = Inverse::new(&v, &path, drive).steering(50.0, 0.0);
             assert!(angle.is_finite() && angle > 0.0, "{angle}");
         }
