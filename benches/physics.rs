@@ -24,7 +24,7 @@ const OBSTACLES: [usize; 3] = [0, 30, 100];
 /// Simulated time over the time it takes, of the fastest of some runs: the others were disturbed.
 fn ratio(obstacles: usize) -> f64 {
     /// Length of a run, s.
-    const DURATION: f64 = 5.0;
+    const DURATION: f64 = 1.0;
     let (world, trajectory) = scene(obstacles);
     let run = || {
         let (mut world, mut log) = (world.clone(), Log::default());
@@ -33,7 +33,7 @@ fn ratio(obstacles: usize) -> f64 {
         assert!(log.contact.is_none(), "the run is cut short");
         began.elapsed().as_secs_f64()
     };
-    DURATION / (0..10).map(|_| run()).fold(f64::INFINITY, f64::min)
+    DURATION / (0..30).map(|_| run()).fold(f64::INFINITY, f64::min)
 }
 
 /// Moving obstacles in the two lanes beside the vehicle, every 10 m ahead and behind, at its speed or half of it.

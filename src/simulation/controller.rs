@@ -10,7 +10,7 @@
 //! - **Acceleration**: the profile's, inverted through the lag of drive or brakes ([`forced`]), plus drag, rolling
 //!   resistance and the inertia of the wheels' spin; feedback on station and speed error with both poles at one place,
 //!   bounded. The station error does the work of an integrator, so there is none that could wind up.
-//! - **Stop**: the last metres aim a centimetre short of the end, which is what model and feedback leave as error. When the
+//! - **Stop**: the last metres aim 15 mm short of the end, more than what model and feedback leave as error. When the
 //!   wanted speed is zero and stays zero, the brakes hold once the vehicle is at rest. Short of the end by more than a
 //!   tolerance it creeps on; it never drives backwards.
 //!
@@ -61,7 +61,7 @@ const AT_REST: f64 = 0.03;
 /// Short of the end by less than this, the vehicle is held where it is, m.
 const STOP_TOLERANCE: f64 = 0.03;
 /// How far short of the end a stop aims, m.
-const AIM_SHORT: f64 = 0.01;
+const AIM_SHORT: f64 = 0.015;
 /// Distance before the end over which the aim moves short, m.
 const AIM_BLEND: f64 = 5.0;
 /// How early brakes let go of a stop without a ramp, over their lag: at 1 the vehicle would roll Δa τ²/2 beyond the end, at ½
