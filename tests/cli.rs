@@ -228,6 +228,44 @@ fn exit_3_is_a_vehicle_or_settings_that_cannot_be_read() {
 }
 
 #[test]
+fn friction_is_a_factor_a_surface_or_a_file_of_regions_and_a_wrong_one_is_named() {
+    let place = Place::new();
+    for factor in ["-0.5", "0", "nan", "1e9"] {
+        complains(&place.run(&["plan", ROAD, "--friction", factor]), 2, &["--friction", "simulation.friction_scale"]);
+    }
+    complains(&place.run(&["plan", ROAD, "--friction", "mud"]), 3, &["mud"]);
+    let region = |factor: &str, polygon: &str| format!("[[friction]]\nfactor = {factor}\npolygon = {polygon}\n");
+    let square = "[[0.0, -9.0], [200.0, -9.0], [200.0, 9.0], [0.0, 9.0]]";
+    for (text, word) in [
+        (region("-0.5", square), "friction[0].factor"),
+        (region("0", square), "friction[0].factor"),
+        (region("nan", square), "friction[0].factor"),
+        (region("\"mud\"", square), "mud"),
+        (region("0.5", "[[0, 0], [1, 1]]"), "friction[0].polygon"),
+        (region("0.5", "[[0, 0], [1, 1], [nan, 2]]"), "friction[0].polygon"),
+        (region("0.5", "[[0, 0], [1, 1], [2]]"), "polygon"),
+        (format!("{}{}", region("0.5", square), region("-1", square)), "friction[1].factor"),
+        (region("0.5", square).replace("factor", "faktor"), "faktor"),
+    ] {
+        let name = place.file("road.toml", text);
+        complains(&place.run(&["plan", ROAD, "--friction", &name]), 3, &[&name, word]);
+        complains(&place.run(&["plan", ROAD, "--config", &name]), 3, &[&name, word]);
+    }
+    complains(&place.run(&["plan", ROAD, "--friction", "road.toml", "--json", "road.toml"]), 2, &["road.toml"]);
+    let hash = |arguments: &[&str]| {
+        let arguments = [&["drive", ROAD, "--json", "-"], arguments].concat();
+        let result: Value = serde_json::from_slice(&place.run(&arguments).stdout).unwrap();
+        result["hash"].clone()
+    };
+    let ice = place.file("ice.toml", region("\"ice\"", square));
+    let dry = hash(&[]);
+    assert_eq!(dry, hash(&["--friction", "dry"]));
+    assert_eq!(dry, hash(&["--friction", "1"]));
+    assert_ne!(dry, hash(&["--friction", "ice"]), "ice does nothing");
+    assert_ne!(dry, hash(&["--friction", &ice]), "a patch of ice does nothing");
+}
+
+#[test]
 fn exit_3_is_an_output_that_cannot_be_written_and_nothing_has_run() {
     let place = Place::new();
     for option in ["--json", "--csv", "--solution", "--svg"] {

@@ -92,9 +92,9 @@ struct Tolerances {
 /// the robot car turns on a tenth of a car's way: both are held to the verdict's limit of tracking.
 fn tolerances(name: &str) -> Tolerances {
     match name {
-        "truck" => Tolerances { aside: 0.25, beyond: 0.03, up_to: 25.0 },
-        "f1tenth" => Tolerances { aside: 0.25, beyond: 0.012, up_to: 8.0 },
-        _ => Tolerances { aside: 0.1, beyond: 0.012, up_to: 30.0 },
+        "truck" => Tolerances { aside: 0.25, beyond: 0.01, up_to: 22.0 },
+        "f1tenth" => Tolerances { aside: 0.25, beyond: 0.01, up_to: 8.0 },
+        _ => Tolerances { aside: 0.1, beyond: 0.003, up_to: 30.0 },
     }
 }
 

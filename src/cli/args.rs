@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
 use crate::drive::Faults;
-use crate::verdict::ComfortPreset;
 use crate::regression::Shard;
+use crate::verdict::ComfortPreset;
 
 /// Shown at the end of `--help`.
 const EXIT_CODES: &str = "Exit codes:
@@ -230,6 +230,11 @@ pub(super) struct RunArgs {
     /// missed_cycles=N.
     #[arg(long, value_name = "NAME=VALUE", value_parser = fault)]
     pub(super) inject: Vec<String>,
+
+    /// Friction of the road: a factor or dry, wet, ice for all of it; or a file of `[[friction]]` tables with a `factor` and a
+    /// `polygon` each.
+    #[arg(long, value_name = "FACTOR|FILE.toml", allow_negative_numbers = true)]
+    pub(super) friction: Option<String>,
 
     /// Which planning problem of the file; needed if it has several.
     #[arg(long, value_name = "ID", allow_negative_numbers = true)]

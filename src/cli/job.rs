@@ -8,6 +8,7 @@ use super::engine::Settings;
 use crate::io::{commonroad, files, ros_map, settings_file};
 use crate::map::{PlanningProblem, Scenario};
 pub(super) use crate::result::Kind;
+use crate::simulation;
 use crate::vehicle::{self, Vehicle};
 use crate::verdict::ComfortPreset;
 
@@ -45,6 +46,8 @@ impl Job {
     pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
         let mut inputs = vec![args.scenario.clone()];
         inputs.extend(args.config.iter().chain(&args.grid).cloned());
+        let friction = args.friction.as_deref().map(Friction::of);
+        inputs.extend(friction.iter().filter_map(Friction::file));
         inputs.extend(args.grid.as_deref().and_then(ros_map::image_of));
         inputs.extend(vehicle::files_of(&args.vehicle));
         let outputs = Outputs {
@@ -62,6 +65,9 @@ impl Job {
         }
         let problem = choose(&scenario, args.problem, &args.scenario)?;
         let mut settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
+        if let Some(friction) = friction {
+            friction.apply(&mut settings)?;
+        }
         apply(kind, (args.comfort, args.fallbacks), (&args.inject, args.seed), &mut settings)?;
         let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
         if outputs.solution.is_some() && vehicle.commonroad_type.is_none() {
@@ -133,11 +139,57 @@ fn apply(
 
 /// Reads settings from TOML and checks their ranges.
 fn settings(file: &Path) -> Result<Settings, Failure> {
-    let error = |e: &dyn std::fmt::Display| Failure::File(format!("{}: {e}", file.display()));
-    let text = settings_file::text(file).map_err(Failure::file)?;
-    let settings: Settings = settings_file::parse(file, &text).map_err(Failure::file)?;
-    settings.validate().map_err(|e| error(&e))?;
+    let settings: Settings = read_toml(file)?;
+    settings.validate().map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
     Ok(settings)
+}
+
+fn read_toml<T: serde::de::DeserializeOwned>(file: &Path) -> Result<T, Failure> {
+    let text = settings_file::text(file).map_err(Failure::file)?;
+    settings_file::parse(file, &text).map_err(Failure::file)
+}
+
+/// What `--friction` asks for.
+enum Friction {
+    Everywhere(f64),
+    Regions(PathBuf),
+}
+
+impl Friction {
+    fn of(text: &str) -> Self {
+        let factor = simulation::surface(text).or_else(|| text.parse().ok());
+        factor.map_or_else(|| Self::Regions(text.into()), Self::Everywhere)
+    }
+
+    fn file(&self) -> Option<PathBuf> {
+        match self {
+            Self::Everywhere(_) => None,
+            Self::Regions(file) => Some(file.clone()),
+        }
+    }
+
+    /// Goes before what the settings say: the factor before theirs, the regions after, and so on top of theirs.
+    fn apply(self, settings: &mut Settings) -> Result<(), Failure> {
+        #[derive(serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Regions {
+            friction: Vec<simulation::FrictionRegion>,
+        }
+        match self {
+            Self::Everywhere(factor) => {
+                settings.simulation.friction_scale = factor;
+                settings.validate().map_err(|e| Failure::Use(format!("--friction: {e}")))
+            }
+            Self::Regions(file) => {
+                let regions = read_toml::<Regions>(&file)?.friction;
+                for (index, region) in regions.iter().enumerate() {
+                    region.validate(index).map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
+                }
+                settings.friction.extend(regions);
+                Ok(())
+            }
+        }
+    }
 }
 
 /// One name for one file, also where the file does not exist yet.

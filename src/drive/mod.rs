@@ -239,7 +239,7 @@ fn rig(
     let physics = simulation::Settings { friction_scale, ..settings.simulation };
     let initial = initial_state(problem, vehicle, begins);
     let world = World::new(&faults.real(vehicle), &scenario.obstacles, &initial, &physics)?;
-    let world = world.disturbed(&faults.disturbances(vehicle));
+    let world = world.with_friction(&settings.friction)?.disturbed(&faults.disturbances(vehicle));
     Ok(match &scenario.occupancy {
         Some(grid) => world.with_occupancy(grid),
         None => world,

@@ -12,6 +12,9 @@ pub struct Settings {
     pub planner: planner::Settings,
     /// The physics rig.
     pub simulation: simulation::Settings,
+    /// Patches of road with other friction, as `[[friction]]` tables.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub friction: Vec<simulation::FrictionRegion>,
     /// The closed loop.
     pub run: RunSettings,
     /// The verdict: tolerances, limits of comfort, fallbacks.
@@ -79,6 +82,11 @@ impl Settings {
         self.verdict.validate().or_else(|e| wrong(format!("verdict.{}", e.name), e.value, e.expected))?;
         if let Some((name, value, expected)) = self.faults.wrong() {
             return wrong(format!("faults.{name}"), value, expected);
+        }
+        for (index, region) in self.friction.iter().enumerate() {
+            if let Err(SimulationError::Friction { key, value, expected, .. }) = region.validate(index) {
+                return wrong(format!("friction[{index}].{key}"), value, expected);
+            }
         }
         match self.simulation.validate() {
             Err(SimulationError::Setting { name, value, expected }) => {

@@ -61,7 +61,10 @@ pub(super) struct RunningGear {
     wheels: [Wheel; 4],
     /// Filtered acceleration, forward and left, that shifts the loads, m/s².
     load_acceleration: [f64; 2],
-    friction: f64,
+    /// Friction coefficient under each wheel.
+    friction: [f64; 4],
+    /// Whether torques are kept inside the tyres' grip.
+    anti_lock: bool,
 }
 
 impl RunningGear {
@@ -71,8 +74,19 @@ impl RunningGear {
         Self {
             wheels: [wheel; 4],
             load_acceleration: [acceleration, 0.0],
-            friction: friction_scale * vehicle.tyres.friction,
+            friction: [friction_scale * vehicle.tyres.friction; 4],
+            anti_lock: true,
         }
+    }
+
+    /// The same without anti-lock and traction control.
+    pub(super) fn without_anti_lock(self) -> Self {
+        Self { anti_lock: false, ..self }
+    }
+
+    /// Sets the friction coefficient under each wheel.
+    pub(super) fn stand_on(&mut self, friction: [f64; 4]) {
+        self.friction = friction;
     }
 
     /// Advances the wheels by `dt` seconds; returns what acts on the body meanwhile.
@@ -93,7 +107,7 @@ impl RunningGear {
                 rolling: along,
                 sliding: [along - wheel.spin * vehicle.wheel_radius, across],
                 load: loads[i],
-                friction: self.friction,
+                friction: self.friction[i],
                 stiffness: [tyres.longitudinal, if i < 2 { tyres.cornering_front } else { tyres.cornering_rear }],
             };
             let [fx, fy] = wheel.tyre.step(tyres, &patch, dt);
@@ -130,12 +144,15 @@ impl RunningGear {
     }
 
     /// Force at the tread (forward for `direction` 1, backward for −1) that each wheel can use, N: what the tyre can
-    /// carry beside its side force, and what the spin itself takes up.
+    /// carry beside its side force, and what the spin itself takes up. No bound without anti-lock and traction control.
     fn grip(&self, vehicle: &Vehicle, loads: &[f64; 4], direction: f64) -> [f64; 4] {
+        if !self.anti_lock {
+            return [f64::INFINITY; 4];
+        }
         let spin =
             vehicle.wheel_inertia / vehicle.wheel_radius.powi(2) * (direction * self.load_acceleration[0]).max(0.0);
         [0, 1, 2, 3].map(|i| {
-            let whole = GRIP_CONTROL * self.friction * loads[i];
+            let whole = GRIP_CONTROL * self.friction[i] * loads[i];
             (whole * whole - self.wheels[i].side_force.powi(2)).max(0.0).sqrt() + spin
         })
     }
@@ -148,7 +165,7 @@ impl RunningGear {
 }
 
 /// Position of a wheel against the centre of mass: forward, left, m.
-fn wheel_position(vehicle: &Vehicle, wheel: usize) -> (f64, f64) {
+pub(super) fn wheel_position(vehicle: &Vehicle, wheel: usize) -> (f64, f64) {
     let x = if wheel < 2 { vehicle.wheelbase - vehicle.rear_axle_to_mass } else { -vehicle.rear_axle_to_mass };
     let y = 0.5 * vehicle.track_width;
     (x, if wheel.is_multiple_of(2) { y } else { -y })
@@ -179,6 +196,9 @@ fn split_drive(vehicle: &Vehicle, force: f64, grip: &[f64; 4]) -> [f64; 4] {
 fn split_brake(vehicle: &Vehicle, force: f64, grip: &[f64; 4]) -> [f64; 4] {
     let share = vehicle.actuators.brake_front_share;
     let (front_grip, rear_grip) = (grip[0] + grip[1], grip[2] + grip[3]);
+    if front_grip.is_infinite() {
+        return [share, share, 1.0 - share, 1.0 - share].map(|share| 0.5 * share * force);
+    }
     let front = (share * force).max(force - rear_grip).min(front_grip);
     let rear = (force - front).min(rear_grip);
     [0, 1, 2, 3].map(|i| {

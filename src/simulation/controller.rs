@@ -1,28 +1,46 @@
 //! The tracking controller: what steering and acceleration to ask for, so that the vehicle drives its trajectory.
 //!
 //! Feed-forward carries the load and feedback the rest.
-//! - **Steering**: the path's curvature ahead, where the rear axle will be once the steering has followed (its lag and the
-//!   tyres' response), plus the understeer that the tyres need at that lateral acceleration. Feedback on lateral offset e
-//!   and heading error ψ of the rear axle, κ = −ω² e − 2 ω ψ: both poles of the error, seen along the path, at ω (1/m). ω
-//!   is a fixed bandwidth in time over the speed, bounded at low speed (Paden et al. 2016, section V, for the kinematic
-//!   error model). In a turn the body points inwards of its path by the rear tyres' slip angle: that is wanted, not an error.
-//! - **Acceleration**: the profile's, read ahead by the lag of drive or brakes, plus drag, rolling resistance and the
-//!   inertia of the wheels' spin; feedback on station and speed error with both poles at one place, bounded. The station
-//!   error does the work of an integrator, so there is none that could wind up.
-//! - **Stop**: when the wanted speed is zero and stays zero, the brakes hold once the vehicle is at rest. Short of the
-//!   end by more than a tolerance it creeps on; it never drives backwards.
+//! - **Steering**: feed-forward inverts the vehicle ([`inverse`]): the path's curvature and its change, read where the rear
+//!   axle will be once the steering has followed its lag, give axle forces, those give slip angles. Feedback on lateral
+//!   offset e and heading error ψ of the rear axle, κ = −ω² e − 2 ω ψ: both poles of the error, seen along the path, at
+//!   ω (1/m). ω is a bandwidth in time over the speed, bounded at low speed (Paden et al. 2016, section V, for the kinematic
+//!   error model). In a turn the body points inwards of its path by the rear tyres' slip angle: that is wanted,
+//!   not an error.
+//! - **Acceleration**: the profile's, inverted through the lag of drive or brakes ([`forced`]), plus drag, rolling
+//!   resistance and the inertia of the wheels' spin; feedback on station and speed error with both poles at one place,
+//!   bounded. The station error does the work of an integrator, so there is none that could wind up.
+//! - **Stop**: the last metres aim 15 mm short of the end, more than what model and feedback leave as error. When the
+//!   wanted speed is zero and stays zero, the brakes hold once the vehicle is at rest. Short of the end by more than a
+//!   tolerance it creeps on; it never drives backwards.
 //!
-//! Weak where: friction lower than the vehicle's own is not known to the controller, and trajectories that ask for more
-//! than the tyres have are followed as far as they go.
+//! **Tuning.** Seen in time, both loops are (ω² + 2 ω p)/p² behind a lag τ: crossover near 2.06 ω, where the controller
+//! leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less what yaw inertia and the sampling take. ω is
+//! [`LAG_SHARE`]/τ, which leaves 43° and more, with τ the slower one of drive and brakes for speed, and for steering its own
+//! lag plus most of m v/C = v/(c g), in which side force takes away lateral speed; and not above a bandwidth beyond which there is
+//! nothing to gain. `margins` computes phase and gain margins of the linearised loops, with tyres, over all
+//! vehicles and speeds.
+//!
+//! Weak where: friction lower than the vehicle's own is not known to the controller; trajectories that ask for more
+//! than the tyres have are followed as far as they go; hard braking in a turn is left to the feedback (see [`inverse`]).
+
+mod inverse;
+#[cfg(test)]
+mod margins;
 
 use crate::geometry::{Point, wrap_angle};
-use crate::trajectory::{Path, Trajectory};
+use crate::trajectory::{Path, SpeedProfile, Trajectory};
 use crate::vehicle::{State, Vehicle};
 
+use self::inverse::{Drive, Inverse};
 use super::actuators::Command;
 use super::chassis::GRAVITY;
 
-/// Bandwidth of the lateral feedback in time, rad/s: a fifth of what steering lag and tyres allow.
+/// Bandwidth of a loop times the lag of the actuator in it: see the module's notes on tuning.
+const LAG_SHARE: f64 = 0.25;
+/// How much of the time in which side force takes away lateral speed counts as a lag of the steering: the yaw motion leads.
+const SIDE_FORCE_LAG: f64 = 0.7;
+/// Largest bandwidth of the lateral feedback in time, rad/s: beyond, noise of the localisation would steer.
 const LATERAL_BANDWIDTH: f64 = 2.5;
 /// Largest bandwidth of the lateral feedback along the path, 1/m: a car length at walking pace.
 const LATERAL_BANDWIDTH_ALONG: f64 = 0.5;
@@ -30,9 +48,7 @@ const LATERAL_BANDWIDTH_ALONG: f64 = 0.5;
 const LARGEST_CURVATURE_FEEDBACK: f64 = 0.1;
 /// Largest lateral acceleration that the lateral feedback may add, m/s².
 const LARGEST_LATERAL_FEEDBACK: f64 = 2.0;
-/// Response of the tyres to steering beyond the steering's own lag, s.
-const TYRE_RESPONSE: f64 = 0.03;
-/// Bandwidth of the longitudinal feedback, rad/s.
+/// Largest bandwidth of the longitudinal feedback, rad/s: 1 m of station error asks for 2 m/s².
 const LONGITUDINAL_BANDWIDTH: f64 = 1.5;
 /// Largest acceleration that the longitudinal feedback may add, m/s².
 const LARGEST_ACCELERATION_FEEDBACK: f64 = 2.0;
@@ -44,6 +60,13 @@ const WANTED_REST: f64 = 1e-3;
 const AT_REST: f64 = 0.03;
 /// Short of the end by less than this, the vehicle is held where it is, m.
 const STOP_TOLERANCE: f64 = 0.03;
+/// How far short of the end a stop aims, m.
+const AIM_SHORT: f64 = 0.015;
+/// Distance before the end over which the aim moves short, m.
+const AIM_BLEND: f64 = 5.0;
+/// How early brakes let go of a stop without a ramp, over their lag: at 1 the vehicle would roll Δa τ²/2 beyond the end, at ½
+/// it is on the spot but for 0.03 Δa τ², and the end still softer than planned.
+const STOP_RELEASE: f64 = 0.5;
 /// Deceleration with which the brakes hold at rest, m/s².
 const HOLD: f64 = 2.0;
 
@@ -66,49 +89,91 @@ impl Controls for TrackingController {
     }
 }
 
+/// Bandwidth of the lateral feedback along the path at a speed, 1/m.
+fn lateral_bandwidth(vehicle: &Vehicle, speed: f64) -> f64 {
+    let softest = vehicle.tyres.cornering_front.min(vehicle.tyres.cornering_rear);
+    let lag = vehicle.actuators.steering_lag + SIDE_FORCE_LAG * speed / (GRAVITY * softest);
+    let in_time = LATERAL_BANDWIDTH.min(LAG_SHARE / lag);
+    LATERAL_BANDWIDTH_ALONG.min(in_time / speed)
+}
+
+/// Bandwidth of the longitudinal feedback, rad/s.
+fn longitudinal_bandwidth(vehicle: &Vehicle) -> f64 {
+    let actuators = &vehicle.actuators;
+    LONGITUDINAL_BANDWIDTH.min(LAG_SHARE / actuators.drive_lag.max(actuators.brake_lag))
+}
+
 /// What the controller asks for.
 pub(super) fn command(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
     let wanted = trajectory.at(state.time);
     let here = project(&trajectory.path, state.pose.position, wanted.station);
+    let speed = state.speed.max(0.0);
+    let effort = wanted.acceleration + resistance(vehicle, speed);
+    let drive = Drive { speed, acceleration: wanted.acceleration, effort };
+    let model = Inverse::new(vehicle, &trajectory.path, drive);
     Command {
-        steering: steering(vehicle, &trajectory.path, state, &here),
+        steering: steering(vehicle, &model, state, &here, 0.5 * period),
         acceleration: acceleration(vehicle, trajectory, state, here.station, 0.5 * period),
     }
 }
 
-fn steering(vehicle: &Vehicle, path: &Path, state: &State, here: &Projection) -> f64 {
-    let tyres = &vehicle.tyres;
+fn steering(vehicle: &Vehicle, model: &Inverse<'_>, state: &State, here: &Projection, half_period: f64) -> f64 {
     let speed = state.speed.max(0.0);
-    let lag = vehicle.actuators.steering_lag + TYRE_RESPONSE;
-    let ahead = path.at(here.station + speed * lag);
-    let rear_slip = speed * speed * here.curvature / (GRAVITY * tyres.cornering_rear);
-    let heading_error = wrap_angle(state.pose.yaw - here.yaw - rear_slip);
-    let omega = LATERAL_BANDWIDTH_ALONG.min(LATERAL_BANDWIDTH / speed);
+    let lag = vehicle.actuators.steering_lag + half_period;
+    let heading_error = wrap_angle(state.pose.yaw - here.yaw - model.rear_slip(here.station, 0.0));
+    let omega = lateral_bandwidth(vehicle, speed);
     let feedback = -omega * omega * here.offset - 2.0 * omega * heading_error;
     let largest = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
     let feedback = feedback.clamp(-largest, largest);
-    let understeer =
-        speed * speed * ahead.curvature / GRAVITY * (1.0 / tyres.cornering_front - 1.0 / tyres.cornering_rear);
-    let steering = vehicle.steering_for_curvature(ahead.curvature + feedback) + understeer;
+    let steering = model.steering(here.station + speed * lag, feedback);
     steering.clamp(-vehicle.limits.steering, vehicle.limits.steering)
 }
 
 fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, station: f64, half_period: f64) -> f64 {
-    let wanted = trajectory.at(state.time);
-    let (station_error, speed_error) = (wanted.station - station, wanted.speed - state.speed);
-    let later = trajectory.profile.at(state.time + REST_PREVIEW - trajectory.start_time);
-    let at_end = wanted.speed < WANTED_REST && later.speed < WANTED_REST;
+    let (profile, since) = (&trajectory.profile, state.time - trajectory.start_time);
+    let wanted = profile.at(since);
+    let aim = aimed(profile, wanted.station);
+    let (station_error, speed_error) = (aim - station, wanted.speed - state.speed);
+    let at_end = wanted.speed < WANTED_REST && profile.at(since + REST_PREVIEW).speed < WANTED_REST;
     if at_end && state.speed < AT_REST && station_error < STOP_TOLERANCE {
         return -HOLD;
     }
-    let ahead = |lag: f64| trajectory.profile.at(state.time + lag + half_period - trajectory.start_time).acceleration;
-    let brake = ahead(vehicle.actuators.brake_lag);
-    let feed_forward = if brake < 0.0 { brake } else { ahead(vehicle.actuators.drive_lag) };
-    let omega = LONGITUDINAL_BANDWIDTH;
+    let omega = longitudinal_bandwidth(vehicle);
     let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
     let feedback = feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK);
     let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
-    (feed_forward + feedback) * spin + resistance(vehicle, state.speed)
+    let resistance = resistance(vehicle, state.speed);
+    let effort = |lag| (forced(profile, since + half_period, lag) + feedback) * spin + resistance;
+    let braking = effort(vehicle.actuators.brake_lag);
+    if braking < 0.0 { braking } else { effort(vehicle.actuators.drive_lag).max(0.0) }
+}
+
+/// The station that is aimed at: the profile's, but short of the end where it ends at rest.
+fn aimed(profile: &SpeedProfile, station: f64) -> f64 {
+    if !profile.ends_at_rest() {
+        return station;
+    }
+    let left = profile.last().station - station;
+    station - AIM_SHORT * (1.0 - left / AIM_BLEND).clamp(0.0, 1.0)
+}
+
+/// What a first-order lag must be asked for at `time` so that the profile's acceleration comes out: a + τ ȧ where it is
+/// continuous, which is exact; its jumps, which no lag can follow, are asked for τ earlier, which gives the right speed.
+/// Only the jump to rest is asked for later than that: what matters there is the place.
+fn forced(profile: &SpeedProfile, time: f64, lag: f64) -> f64 {
+    let (knots, from) = (profile.knots(), profile.at(time));
+    let next = knots.partition_point(|k| k.time <= time).max(1);
+    let mut jumps = 0.0;
+    for pair in knots[next - 1..].windows(2).take_while(|pair| pair[1].time <= time + lag) {
+        let before = pair[0].after(pair[1].time - pair[0].time).acceleration;
+        let is_last = pair[1].time >= profile.last().time;
+        if !is_last {
+            jumps += pair[1].acceleration - before;
+        } else if !profile.ends_at_rest() || pair[1].time <= time + STOP_RELEASE * lag {
+            jumps -= before;
+        }
+    }
+    from.acceleration + lag * from.jerk + jumps
 }
 
 /// Deceleration by rolling resistance and drag, m/s².
@@ -123,7 +188,6 @@ struct Projection {
     /// Signed distance from the path, left positive, m.
     offset: f64,
     yaw: f64,
-    curvature: f64,
 }
 
 /// Projects onto the path: Newton's method from the wanted station, which is near unless the vehicle was thrown off;
@@ -151,7 +215,7 @@ fn project(path: &Path, position: Point, guess: f64) -> Projection {
             break;
         }
     }
-    Projection { station: station + local.x, offset: local.y, yaw: at.pose.yaw, curvature: at.curvature }
+    Projection { station: station + local.x, offset: local.y, yaw: at.pose.yaw }
 }
 
 #[cfg(test)]
@@ -159,6 +223,7 @@ mod tests {
     use super::*;
     use crate::geometry::Pose;
     use crate::geometry::spiral::CubicSpiral;
+    use crate::trajectory::SpeedKnot;
 
     fn winding() -> Path {
         let s = |knots| CubicSpiral { knots, length: 30.0 };
@@ -187,5 +252,62 @@ mod tests {
         assert!((found.station - path.length() - 1.5).abs() < 1e-9 && found.offset.abs() < 1e-9);
         let found = project(&path, path.at(0.0).pose.advanced(-0.7).position, 0.0);
         assert!((found.station + 0.7).abs() < 1e-9);
+    }
+
+    fn knot(time: f64, acceleration: f64, jerk: f64) -> SpeedKnot {
+        SpeedKnot { time, station: 0.0, speed: 10.0, acceleration, jerk }
+    }
+
+    /// The speed that a lag makes of what it is asked for, against the profile's, at the end of it.
+    fn speed_error(profile: &SpeedProfile, lag: f64) -> (f64, f64) {
+        let dt = 1e-4;
+        let (mut given, mut off, mut worst): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        for i in 0..60_000 {
+            let time = -1.0 + dt * f64::from(i);
+            given += (forced(profile, time, lag) - given) * dt / lag;
+            off += (given - profile.at(time).acceleration) * dt;
+            worst = worst.max(off.abs());
+        }
+        (off, worst)
+    }
+
+    #[test]
+    fn a_lag_that_is_asked_for_what_forced_says_gives_the_profile() {
+        let smooth = [
+            knot(-1.0, 0.0, 0.0),
+            knot(0.0, 0.0, -2.5),
+            knot(0.6, -1.5, 0.0),
+            knot(1.5, -1.5, 2.5),
+            knot(2.1, 0.0, 0.0),
+        ];
+        let jumps = [
+            knot(-1.0, 0.0, 0.0),
+            knot(0.0, -1.5, 0.0),
+            knot(0.8, -1.5, 1.0),
+            knot(1.8, -0.5, 0.0),
+            knot(2.1, 0.0, 0.0),
+        ];
+        for lag in [0.05, 0.1, 0.3] {
+            let (end, worst) = speed_error(&SpeedProfile::new(smooth.to_vec()).unwrap(), lag);
+            assert!(
+                end.abs() < 1e-3 && worst < 1e-3,
+                "smooth, lag {lag} s: {end} m/s at the end, {worst} m/s at worst"
+            );
+            let (end, worst) = speed_error(&SpeedProfile::new(jumps.to_vec()).unwrap(), lag);
+            // in between, a jump costs what the lag's exponential does
+            assert!(end.abs() < 1e-3 && worst < 1.5 * lag * 0.4, "jumps, lag {lag} s: {end} m/s, {worst} m/s at worst");
+        }
+    }
+
+    #[test]
+    fn the_aim_moves_short_of_a_stop_only_and_without_a_jump() {
+        let ends = |speed: f64| {
+            SpeedProfile::new(vec![knot(0.0, 0.0, 0.0), SpeedKnot { station: 30.0, speed, ..knot(3.0, 0.0, 0.0) }])
+                .unwrap()
+        };
+        assert_eq!((aimed(&ends(5.0), 30.0), aimed(&ends(0.0), 20.0)), (30.0, 20.0));
+        let samples: Vec<f64> = (0..=300).map(|i| aimed(&ends(0.0), 0.1 * f64::from(i))).collect();
+        assert!(samples.windows(2).all(|w| w[1] > w[0] && w[1] - w[0] < 0.101), "forwards always");
+        assert!((samples[300] - (30.0 - AIM_SHORT)).abs() < 1e-12);
     }
 }

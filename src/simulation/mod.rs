@@ -2,7 +2,8 @@
 //!
 //! The world is seen from above, without gravity. The chassis is one rigid body with the vehicle's mass and yaw inertia
 //! and the parts of the footprint as its colliders; four tyres push it (`tyre`, `chassis`), turned, driven and braked by actuators with
-//! lag and limits (`actuators`), which a tracking controller commands (`controller`). Obstacles are colliders: fixed ones,
+//! lag and limits (`actuators`), which a tracking controller commands (`controller`); each tyre has the friction of the
+//! patch of road that it stands on (`friction`). Obstacles are colliders: fixed ones,
 //! moving ones on their predicted trajectories, set-based ones as regions for their interval; so are the occupied cells of a
 //! grid (`cells`). Nothing pushes back: the first touch is logged and ends the run.
 //!
@@ -15,6 +16,7 @@ mod chassis;
 mod controller;
 mod convert;
 mod disturbances;
+mod friction;
 mod obstacles;
 mod physics;
 mod settings;
@@ -25,6 +27,7 @@ pub use actuators::Command;
 pub use chassis::GRAVITY;
 pub use controller::{Controls, TrackingController};
 pub use disturbances::{Disturbances, LocalisationNoise};
+pub use friction::{FrictionRegion, SURFACES, surface};
 pub use settings::Settings;
 pub use world::World;
 
@@ -39,6 +42,18 @@ pub enum SimulationError {
         /// The setting.
         name: &'static str,
         /// Its value.
+        value: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A region of friction that is none.
+    #[error("`friction[{region}].{key}`: {value}; expected {expected}")]
+    Friction {
+        /// Index of the region.
+        region: usize,
+        /// Its key.
+        key: &'static str,
+        /// Its value; of a polygon with too few corners, their number.
         value: f64,
         /// What was expected.
         expected: &'static str,

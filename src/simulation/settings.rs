@@ -14,13 +14,16 @@ pub struct Settings {
     pub log_rate_hz: f64,
     /// Decisions a second of the tracking controller, Hz; its command holds in between. Default 100.
     pub control_rate_hz: f64,
-    /// Factor on the tyres' friction: 1 dry, about 0.6 wet, 0.2 ice. Default 1.
+    /// Factor on the tyres' friction, everywhere: 1 dry; see [`super::SURFACES`] for others. Default 1.
     pub friction_scale: f64,
+    /// Whether anti-lock and traction control keep the wheels' torques inside the tyres' grip. Without, full brakes lock the
+    /// wheels and full drive spins them. Default true.
+    pub anti_lock: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { step: 0.001, log_rate_hz: 100.0, control_rate_hz: 100.0, friction_scale: 1.0 }
+        Self { step: 0.001, log_rate_hz: 100.0, control_rate_hz: 100.0, friction_scale: 1.0, anti_lock: true }
     }
 }
 

@@ -4,13 +4,15 @@ use std::sync::Arc;
 
 use rapier2d::dynamics::RigidBodyHandle;
 use rapier2d::geometry::ContactPair;
+use rapier2d::math::Vector as RapierVector;
 
 use super::actuators::{ActuatorState, Command};
 use super::cells::{CELL, Cells};
-use super::chassis::{GRAVITY, Motion, RunningGear, Wrench};
+use super::chassis::{GRAVITY, Motion, RunningGear, Wrench, wheel_position};
 use super::controller::{Controls, TrackingController};
 use super::convert::{Frame, point};
 use super::disturbances::{DeadTime, Disturbances, Localisation};
+use super::friction::{FrictionMap, FrictionRegion};
 use super::obstacles::{Obstacles, REVIEW};
 use super::physics::{PartCollider, Physics};
 use super::{Contact, Log, Sample, Settings, SimulationError, Touched, controller};
@@ -32,6 +34,7 @@ pub struct World {
     frame: Frame,
     obstacles: Obstacles,
     cells: Option<Cells>,
+    friction: Option<Arc<FrictionMap>>,
     chassis: RigidBodyHandle,
     footprint: Vec<PartCollider>,
     gear: RunningGear,
@@ -89,6 +92,7 @@ impl World {
         let effort = if speed == 0.0 && acceleration == 0.0 { 0.0 } else { acceleration + resistance };
         let obstacles = Obstacles::new(obstacles, &frame)?;
         let gear = RunningGear::rolling(vehicle, speed, acceleration, settings.friction_scale);
+        let gear = if settings.anti_lock { gear } else { gear.without_anti_lock() };
         let vehicle = Arc::new(vehicle.clone());
         let mut world = Self {
             believed: Arc::clone(&vehicle),
@@ -98,6 +102,7 @@ impl World {
             frame,
             obstacles,
             cells: None,
+            friction: None,
             chassis,
             footprint,
             gear,
@@ -140,6 +145,17 @@ impl World {
     pub fn controlled_by(mut self, controls: Arc<dyn Controls>) -> Self {
         self.controls = controls;
         self
+    }
+
+    /// The same world on a road with these patches of other friction, in the scenario's coordinates. To be called before
+    /// the run begins.
+    ///
+    /// # Errors
+    /// A region that is none, by its index.
+    pub fn with_friction(mut self, regions: &[FrictionRegion]) -> Result<Self, SimulationError> {
+        self.friction = Some(Arc::new(FrictionMap::new(regions, &self.frame)?)).filter(|_| !regions.is_empty());
+        self.review();
+        Ok(self)
     }
 
     /// Time of the run, s.
@@ -245,6 +261,7 @@ impl World {
         let (time, dt) = (self.time(), self.settings.step);
         let (_, motion) = self.measured();
         self.actuators.step(&self.believed, &self.command, motion.forward, dt);
+        self.look_up_friction();
         let wrench = self.gear.step(&self.vehicle, &self.actuators, &motion, dt);
         if ![wrench.forward, wrench.left, wrench.yaw].iter().all(|v| v.is_finite()) {
             self.ended = Some(Ended::Broke(time));
@@ -265,6 +282,17 @@ impl World {
         }
     }
 
+    /// Tells each wheel what it stands on.
+    fn look_up_friction(&mut self) {
+        let Some(map) = &self.friction else { return };
+        let place = self.physics.bodies[self.chassis].position();
+        let dry = self.settings.friction_scale * self.vehicle.tyres.friction;
+        self.gear.stand_on([0, 1, 2, 3].map(|wheel| {
+            let (x, y) = wheel_position(&self.vehicle, wheel);
+            dry * map.at(place.transform_point(RapierVector::new(x, y)))
+        }));
+    }
+
     /// Gives the obstacles that exist now their bodies; from time to time, decides what is near.
     fn place_obstacles(&mut self) {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 50 to 10,000 steps: see Settings::validate
@@ -279,7 +307,8 @@ impl World {
     /// Decides which obstacles and cells the vehicle may meet before the next review.
     fn review(&mut self) {
         let (pose, motion) = self.measured();
-        let strongest = self.settings.friction_scale * self.vehicle.tyres.friction * GRAVITY;
+        let stickiest = self.friction.as_ref().map_or(1.0, |map| map.largest());
+        let strongest = self.settings.friction_scale * stickiest * self.vehicle.tyres.friction * GRAVITY;
         let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
         // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
         let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;

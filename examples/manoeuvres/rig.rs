@@ -1,0 +1,181 @@
+//! Open-loop manoeuvres, and how the rig drives them: the inputs go straight into steering, drive and brakes.
+//!
+//! Shared by the example that writes them to files and by the tests that hold the rig to the reference models.
+//! The inputs are those of the CommonRoad vehicle models: steering rate and longitudinal acceleration, constant over each
+//! [`TICK`]. What those models do not have is taken out of the vehicle by [`bare`]: lags, drag, rolling resistance.
+
+use stopline::geometry::{Point, Pose};
+use stopline::simulation::{Command, GRAVITY, Log, Settings, SimulationError, World};
+use stopline::vehicle::{State, Vehicle};
+
+/// Time over which the inputs are constant, s.
+pub(crate) const TICK: f64 = 0.01;
+/// Moment at which each manoeuvre begins; until then the vehicle drives straight on, s.
+const BEGIN: f64 = 0.5;
+
+/// A manoeuvre: inputs over time, from straight driving at a speed.
+pub(crate) struct Manoeuvre {
+    /// Name, as in file names.
+    pub(crate) name: &'static str,
+    /// Initial speed, m/s.
+    pub(crate) speed: f64,
+    /// Duration, s.
+    pub(crate) duration: f64,
+    /// Steering angle of the virtual middle front wheel over the wheelbase, over the time since the beginning of the
+    /// manoeuvre, 1/m: at small angles the curvature that a neutral vehicle drives.
+    curvature: fn(f64) -> f64,
+    /// Longitudinal acceleration over the same time, m/s².
+    acceleration: fn(f64) -> f64,
+    /// 1, or −1 for the mirror image.
+    side: f64,
+}
+
+/// What drives the vehicle during one tick.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Input {
+    /// Steering rate, rad/s.
+    pub(crate) steering_rate: f64,
+    /// Longitudinal acceleration, m/s².
+    pub(crate) acceleration: f64,
+}
+
+/// The vehicle's motion at a moment, at the centre of mass.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Instant {
+    /// Time, s.
+    pub(crate) time: f64,
+    /// Position of the centre of mass, m.
+    pub(crate) position: Point,
+    /// Yaw, rad.
+    pub(crate) yaw: f64,
+    /// Steering angle, rad.
+    pub(crate) steering: f64,
+    /// Speed along the heading, m/s.
+    pub(crate) speed: f64,
+    /// Yaw rate, rad/s.
+    pub(crate) yaw_rate: f64,
+    /// Acceleration to the left, m/s².
+    pub(crate) lateral_acceleration: f64,
+}
+
+/// The manoeuvres of the comparison.
+///
+/// Steering rates stay below the 0.4 rad/s of the published parameters. For a neutral vehicle the steady lateral acceleration
+/// of the step is 0.3 g, at the end of the ramp 0.6 g, of the slalom's peaks about 0.35 g.
+pub(crate) const MANOEUVRES: [Manoeuvre; 4] = [
+    // as in ISO 7401: straight driving, then a step
+    Manoeuvre { name: "step_steer", speed: 20.0, duration: 5.0, curvature: step, acceleration: |_| 0.0, side: 1.0 },
+    // as in ISO 4138, constant speed and slowly more steering: up to 0.6 g
+    Manoeuvre {
+        name: "ramp_steer",
+        speed: 20.0,
+        duration: 8.5,
+        curvature: |t| 0.0019 * t,
+        acceleration: |_| 0.0,
+        side: 1.0,
+    },
+    // four periods of 2 s
+    Manoeuvre {
+        name: "slalom",
+        speed: 15.0,
+        duration: 8.5,
+        curvature: |t| 0.0155 * (std::f64::consts::PI * t).sin(),
+        acceleration: |_| 0.0,
+        side: 1.0,
+    },
+    // as in ISO 7975: a steady turn, then brakes
+    Manoeuvre {
+        name: "brake_in_turn",
+        speed: 20.0,
+        duration: 5.5,
+        curvature: step,
+        acceleration: |t| if t < 2.5 { 0.0 } else { -4.0 },
+        side: 1.0,
+    },
+];
+
+/// A step to 0.3 g at 20 m/s, within a tenth of a second.
+fn step(time: f64) -> f64 {
+    (0.075 * time).min(0.3 * GRAVITY / 400.0)
+}
+
+impl Manoeuvre {
+    /// The mirror image.
+    pub(crate) fn mirrored(&self) -> Self {
+        Self { side: -self.side, ..*self }
+    }
+
+    /// The inputs, tick by tick.
+    pub(crate) fn inputs(&self, vehicle: &Vehicle) -> Vec<Input> {
+        let since = |tick: usize| (TICK * tick as f64 - BEGIN).max(0.0);
+        (0..(self.duration / TICK).round() as usize)
+            .map(|tick| Input {
+                steering_rate: self.side
+                    * vehicle.wheelbase
+                    * ((self.curvature)(since(tick + 1)) - (self.curvature)(since(tick)))
+                    / TICK,
+                acceleration: (self.acceleration)(since(tick)),
+            })
+            .collect()
+    }
+
+    /// Drives the manoeuvre from a pose of the rear axle; one instant at each tick's start, and the end.
+    ///
+    /// # Errors
+    /// A setting out of its range.
+    pub(crate) fn drive(
+        &self,
+        vehicle: &Vehicle,
+        from: Pose,
+        settings: &Settings,
+    ) -> Result<Vec<Instant>, SimulationError> {
+        let vehicle = bare(vehicle, settings.step);
+        let initial =
+            State { time: 0.0, pose: from, speed: self.speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+        let mut world = World::new(&vehicle, &[], &initial, settings)?;
+        let (mut instants, mut steering) = (vec![instant(&vehicle, &world.state(), 0.0)], 0.0);
+        let steps = (TICK / settings.step).round() as usize;
+        let mut log = Log::default();
+        for (tick, input) in self.inputs(&vehicle).iter().enumerate() {
+            for step in 1..=steps {
+                let angle = steering + input.steering_rate * settings.step * step as f64;
+                let command = Command { acceleration: input.acceleration * spin_share(&vehicle), steering: angle };
+                world.hold(command, TICK * tick as f64 + settings.step * step as f64, &mut log);
+            }
+            steering += input.steering_rate * TICK;
+            let lateral = log.samples.last().map_or(0.0, |s| s.lateral_acceleration);
+            instants.push(instant(&vehicle, &world.state(), lateral));
+        }
+        Ok(instants)
+    }
+}
+
+/// The force that an acceleration takes, over the vehicle's mass times that acceleration: the wheels' spin takes its part.
+/// The tracking controller asks for the same.
+pub(crate) fn spin_share(vehicle: &Vehicle) -> f64 {
+    1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius.powi(2))
+}
+
+/// The vehicle without lags, drag and rolling resistance: the steering does within a physics step what it is told.
+pub(crate) fn bare(vehicle: &Vehicle, step: f64) -> Vehicle {
+    let mut bare = vehicle.clone();
+    bare.limits.steering_acceleration = 1e9;
+    bare.actuators.steering_lag = step;
+    bare.actuators.drive_lag = 1e-9;
+    bare.actuators.brake_lag = 1e-9;
+    bare.tyres.drag = 0.0;
+    bare.tyres.rolling_resistance = 0.0;
+    bare
+}
+
+fn instant(vehicle: &Vehicle, state: &State, lateral_acceleration: f64) -> Instant {
+    Instant {
+        time: state.time,
+        position: state.pose.advanced(vehicle.rear_axle_to_mass).position,
+        yaw: state.pose.yaw,
+        steering: state.steering,
+        speed: state.speed,
+        yaw_rate: state.yaw_rate,
+        lateral_acceleration,
+    }
+}

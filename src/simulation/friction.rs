@@ -1,0 +1,202 @@
+//! Friction of the road by region: patches that are wet or icy.
+//!
+//! A patch is a polygon in the scenario's coordinates with a factor on the tyres' friction; each wheel looks up what it
+//! stands on, so a car may have one side on ice. Where patches overlap, the last one counts; outside of all of them the
+//! road is dry. [`super::Settings::friction_scale`] is a factor on top, everywhere.
+//!
+//! Technique: even–odd rule behind a bounding box, patch by patch, in the frame of the physics world. Weak where: the
+//! cost is linear in the corners near a wheel, the edge of a patch is sharp, and neither planner nor controller know of it.
+
+use rapier2d::math::Vector as RapierVector;
+use serde::{Deserialize, Serialize};
+
+use super::SimulationError;
+use super::convert::Frame;
+use crate::geometry::Point;
+
+/// Usual factors on a dry road's friction, by the name that may stand for them (Wong, *Theory of Ground Vehicles*, 4th ed.
+/// 2008, table 1.3: asphalt, dry 0.8–0.9, wet 0.5–0.7; ice 0.1).
+pub const SURFACES: [(&str, f64); 3] = [("dry", 1.0), ("wet", 0.6), ("ice", 0.15)];
+/// Largest factor: no road is stickier.
+const STICKIEST: f64 = 10.0;
+/// Largest coordinate of a corner, m: more than any map projection has.
+const FURTHEST: f64 = 1e8;
+
+/// A patch of road with its own friction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrictionRegion {
+    /// Factor on the tyres' friction; in files a number, or a name of [`SURFACES`].
+    #[serde(deserialize_with = "number_or_surface")]
+    pub factor: f64,
+    /// Corners in the scenario's coordinates, m, in either order; inside is what the even–odd rule says.
+    pub polygon: Vec<[f64; 2]>,
+}
+
+/// The factor of a surface's name.
+#[must_use]
+pub fn surface(name: &str) -> Option<f64> {
+    SURFACES.iter().find(|(known, _)| *known == name).map(|(_, factor)| *factor)
+}
+
+fn number_or_surface<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    struct Visitor;
+    impl serde::de::Visitor<'_> for Visitor {
+        type Value = f64;
+
+        fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            write!(f, "a number or one of {}", SURFACES.map(|(name, _)| format!("\"{name}\"")).join(", "))
+        }
+
+        fn visit_f64<E>(self, value: f64) -> Result<f64, E> {
+            Ok(value)
+        }
+
+        #[allow(clippy::cast_precision_loss)] // beyond 2⁵³ it is out of range anyway
+        fn visit_i64<E>(self, value: i64) -> Result<f64, E> {
+            Ok(value as f64)
+        }
+
+        #[allow(clippy::cast_precision_loss)]
+        fn visit_u64<E>(self, value: u64) -> Result<f64, E> {
+            Ok(value as f64)
+        }
+
+        fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<f64, E> {
+            surface(name).ok_or_else(|| E::invalid_value(serde::de::Unexpected::Str(name), &self))
+        }
+    }
+    deserializer.deserialize_any(Visitor)
+}
+
+impl FrictionRegion {
+    /// Checks the region; `index` is its place in the list, for the message.
+    ///
+    /// # Errors
+    /// A factor that is not above 0, or a polygon that is none.
+    pub fn validate(&self, index: usize) -> Result<(), SimulationError> {
+        let wrong = |key, value, expected| Err(SimulationError::Friction { region: index, key, value, expected });
+        if !(self.factor > 0.0 && self.factor <= STICKIEST) {
+            return wrong("factor", self.factor, "above 0, at most 10");
+        }
+        if self.polygon.len() < 3 {
+            #[allow(clippy::cast_precision_loss)] // at most 2
+            return wrong("polygon", self.polygon.len() as f64, "at least 3 corners");
+        }
+        match self.polygon.iter().flatten().find(|v| v.is_nan() || v.abs() > FURTHEST) {
+            Some(value) => wrong("polygon", *value, "coordinates in metres, at most 100,000 km"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The patches in the frame of the physics world.
+#[derive(Debug)]
+pub(super) struct FrictionMap {
+    patches: Vec<Patch>,
+}
+
+#[derive(Debug)]
+struct Patch {
+    factor: f64,
+    corners: Vec<RapierVector>,
+    low: RapierVector,
+    high: RapierVector,
+}
+
+impl FrictionMap {
+    /// Checks the regions and moves them into the frame.
+    pub(super) fn new(regions: &[FrictionRegion], frame: &Frame) -> Result<Self, SimulationError> {
+        let patch = |(index, region): (usize, &FrictionRegion)| {
+            region.validate(index)?;
+            let corners: Vec<_> = region.polygon.iter().map(|[x, y]| frame.point_in(Point::new(*x, *y))).collect();
+            let bound = |f: fn(RapierVector, RapierVector) -> RapierVector| corners.iter().copied().reduce(f);
+            let low = bound(RapierVector::min).unwrap_or_default();
+            let high = bound(RapierVector::max).unwrap_or_default();
+            Ok(Patch { factor: region.factor, corners, low, high })
+        };
+        Ok(Self { patches: regions.iter().enumerate().map(patch).collect::<Result<_, _>>()? })
+    }
+
+    /// Factor on the friction at a place in the physics frame.
+    pub(super) fn at(&self, place: RapierVector) -> f64 {
+        self.patches.iter().rev().find(|p| p.contains(place)).map_or(1.0, |p| p.factor)
+    }
+
+    /// The largest factor anywhere.
+    pub(super) fn largest(&self) -> f64 {
+        self.patches.iter().map(|p| p.factor).fold(1.0, f64::max)
+    }
+}
+
+impl Patch {
+    /// Even–odd rule: how often a ray in the direction of +x leaves the polygon.
+    fn contains(&self, p: RapierVector) -> bool {
+        if p.x < self.low.x || p.y < self.low.y || p.x > self.high.x || p.y > self.high.y {
+            return false;
+        }
+        let before = self.corners.iter().skip(self.corners.len() - 1).chain(&self.corners);
+        let crossed = before
+            .zip(&self.corners)
+            .filter(|(a, b)| (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x));
+        crossed.count() % 2 == 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn region(factor: f64, polygon: &[[f64; 2]]) -> FrictionRegion {
+        FrictionRegion { factor, polygon: polygon.to_vec() }
+    }
+
+    const SQUARE: [[f64; 2]; 4] = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
+
+    #[test]
+    fn the_last_patch_counts_and_a_notch_is_outside() {
+        let notched = [[-1.0, -1.0], [5.0, -1.0], [5.0, 5.0], [3.0, 1.0], [-1.0, 5.0]];
+        for origin in [Point::origin(), Point::new(1e6, -1e6)] {
+            let moved =
+                |polygon: &[[f64; 2]]| polygon.iter().map(|[x, y]| [x + origin.x, y + origin.y]).collect::<Vec<_>>();
+            let regions = [region(0.6, &moved(&notched)), region(0.15, &moved(&SQUARE))];
+            let map = FrictionMap::new(&regions, &Frame::at(origin)).unwrap();
+            for ((x, y), factor) in
+                [((1.0, 1.0), 0.15), ((-0.5, 0.0), 0.6), ((3.0, 0.5), 0.6), ((3.0, 1.5), 1.0), ((6.0, 0.0), 1.0)]
+            {
+                assert_eq!(map.at(RapierVector::new(x, y)), factor, "{x} {y}");
+            }
+            assert_eq!(map.largest(), 1.0);
+        }
+    }
+
+    #[test]
+    fn each_wrong_region_is_named() {
+        for (wrong, key) in [
+            (region(-0.5, &SQUARE), "friction[3].factor"),
+            (region(0.0, &SQUARE), "friction[3].factor"),
+            (region(f64::NAN, &SQUARE), "friction[3].factor"),
+            (region(11.0, &SQUARE), "friction[3].factor"),
+            (region(0.5, &SQUARE[..2]), "friction[3].polygon"),
+            (region(0.5, &[[0.0, 0.0], [1.0, f64::NAN], [1.0, 1.0]]), "friction[3].polygon"),
+            (region(0.5, &[[0.0, 0.0], [1.0, f64::INFINITY], [1.0, 1.0]]), "friction[3].polygon"),
+        ] {
+            let message = wrong.validate(3).expect_err(key).to_string();
+            assert!(message.contains(key), "{message}");
+        }
+        region(0.15, &SQUARE).validate(0).unwrap();
+    }
+
+    #[test]
+    fn a_factor_is_a_number_or_a_surface() {
+        let read = |factor: &str| {
+            toml::from_str::<FrictionRegion>(&format!("factor = {factor}\npolygon = [[0, 0], [1, 0.5], [1, 1]]"))
+        };
+        for (text, factor) in [("\"ice\"", 0.15), ("\"wet\"", 0.6), ("\"dry\"", 1.0), ("0.3", 0.3), ("1", 1.0)] {
+            assert_eq!(read(text).unwrap().factor, factor, "{text}");
+        }
+        let message = read("\"mud\"").expect_err("no such surface").to_string();
+        assert!(message.contains("mud") && message.contains("\"ice\""), "{message}");
+        assert!(read("true").is_err() && toml::from_str::<FrictionRegion>("factor = 1.0").is_err());
+    }
+}

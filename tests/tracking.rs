@@ -1,0 +1,207 @@
+//! How the controller tracks in physics: stops over speeds, decelerations, vehicles and the bundled maps; paths at the
+//! lateral accelerations that comfort allows. Each test prints its figures (`--nocapture`); `docs/physics.md` has them.
+
+use std::path::Path as File;
+
+use stopline::drive;
+use stopline::geometry::Pose;
+use stopline::geometry::spiral::CubicSpiral;
+use stopline::io::commonroad;
+use stopline::simulation::{Log, Sample, Settings, World};
+use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
+use stopline::vehicle::{self, State, Vehicle};
+use stopline::verdict::zero_phase_low_pass;
+
+/// Cut-off of the verdict's comfort filter, Hz.
+const COMFORT_CUTOFF: f64 = 2.0;
+/// Rate of the log, Hz.
+const RATE: f64 = 100.0;
+/// Part of a stop that counts as its end, before the planned standstill and after it, s.
+const END: f64 = 1.0;
+
+/// Figures to reach: where a stop may end, m.
+const BIAS: f64 = 0.1;
+const WORST_STOP: f64 = 0.3;
+/// Largest jerk at the end of a comfortable stop, filtered, m/s³.
+const END_JERK: f64 = 2.0;
+/// Largest lateral tracking error, m.
+const ASIDE: f64 = 0.25;
+
+fn start(pose: Pose, speed: f64) -> State {
+    State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+}
+
+/// A profile from pieces (duration, initial acceleration, jerk).
+fn profile(speed: f64, pieces: &[(f64, f64, f64)]) -> SpeedProfile {
+    let mut knot = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
+    let mut knots = Vec::new();
+    for &(duration, acceleration, jerk) in pieces.iter().filter(|p| p.0 > 1e-9) {
+        knots.push(SpeedKnot { acceleration, jerk, ..knot });
+        knot = knots[knots.len() - 1].after(duration);
+    }
+    let speed = if knot.speed < 1e-9 { 0.0 } else { knot.speed };
+    knots.push(SpeedKnot { speed, acceleration: 0.0, jerk: 0.0, ..knot });
+    SpeedProfile::new(knots).unwrap()
+}
+
+/// Constant speed for 2 s, then a stop at deceleration `d`, built up and let go with jerk `j`; less where the speed is too
+/// low to reach it.
+fn stop(speed: f64, d: f64, j: f64) -> SpeedProfile {
+    let d = d.min((speed * j).sqrt());
+    let ramp = d / j;
+    profile(speed, &[(2.0, 0.0, 0.0), (ramp, 0.0, -j), (speed / d - ramp, -d, 0.0), (ramp, -d, j)])
+}
+
+/// How a stop ended.
+#[derive(Debug, Clone, Copy)]
+struct Stopped {
+    /// Position of rest against the planned one, positive beyond, m.
+    error: f64,
+    /// Furthest position against the planned stop, positive beyond, m.
+    furthest: f64,
+    /// Largest filtered jerk in the last second before the planned standstill and the first after it, m/s³.
+    jerk: f64,
+}
+
+/// Drives a trajectory that ends at rest, until it has been at rest for long.
+fn driven_to_rest(v: &Vehicle, initial: &State, t: &Trajectory) -> Stopped {
+    let mut world = World::new(v, &[], initial, &Settings::default()).unwrap();
+    let mut log = Log::default();
+    world.follow(t, t.end_time() + 4.0, &mut log);
+    let end = t.at(t.end_time()).pose;
+    let ahead = |s: &Sample| end.to_local(s.pose.position).x;
+    let last = log.samples.last().unwrap();
+    assert!(last.speed.abs() < 1e-3, "{} m/s left", last.speed);
+    let acceleration: Vec<f64> = log.samples.iter().map(|s| s.acceleration).collect();
+    let filtered = zero_phase_low_pass(&acceleration, COMFORT_CUTOFF, RATE);
+    let jerk = filtered.windows(2).zip(&log.samples).filter(|(_, s)| (s.time - t.end_time()).abs() <= END);
+    Stopped {
+        error: ahead(last),
+        furthest: log.samples.iter().map(ahead).fold(f64::NEG_INFINITY, f64::max),
+        jerk: jerk.map(|(w, _)| ((w[1] - w[0]) * RATE).abs()).fold(0.0, f64::max),
+    }
+}
+
+/// Prints and checks the figures of many stops.
+fn check(what: &str, stops: &[Stopped]) {
+    assert!(!stops.is_empty(), "{what}: nothing stopped");
+    let of = |f: fn(&Stopped) -> f64| stops.iter().map(f).fold(f64::NEG_INFINITY, f64::max);
+    let bias = stops.iter().map(|s| s.error).sum::<f64>() / stops.len() as f64;
+    let (worst, furthest, jerk) = (of(|s| s.error.abs()), of(|s| s.furthest), of(|s| s.jerk));
+    let figures = format!(
+        "{what}, {} stops: bias {bias:+.4} m, worst {worst:.4} m, furthest {furthest:+.4} m, jerk at the end {jerk:.2} m/s³",
+        stops.len()
+    );
+    println!("{figures}");
+    assert!(bias.abs() <= BIAS && worst <= WORST_STOP && furthest <= 0.0, "{figures}");
+}
+
+#[test]
+fn comfortable_stops_end_at_the_line_never_past_it_and_softly() {
+    for name in vehicle::builtin_names() {
+        let v = vehicle::load(name).unwrap();
+        let path = Path::new(Pose::new(0.0, 0.0, 0.7), &[CubicSpiral { knots: [0.0; 4], length: 500.0 }]).unwrap();
+        for (d, j) in [(0.5, 1.0), (1.0, 1.0), (1.5, 1.5), (2.2, 1.5), (2.2, 2.5), (3.5, 2.5)] {
+            let speeds = [2.0, 3.5, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0];
+            let stops = speeds.map(|speed| {
+                let t = Trajectory { start_time: 0.0, path: path.clone(), profile: stop(speed, d, j) };
+                driven_to_rest(&v, &start(t.at(0.0).pose, speed), &t)
+            });
+            check(&format!("{name}, {d} m/s², jerk {j} m/s³"), &stops);
+            let jerk = stops.iter().map(|s| s.jerk).fold(0.0, f64::max);
+            // what is planned with 1.5 m/s³ is driven with less than 2; the rig adds little to any plan
+            assert!(jerk <= (j + 0.5).max(END_JERK), "{name}, {d} m/s², {j} m/s³: {jerk}");
+            assert!(j > 1.5 || jerk <= END_JERK, "{name}, {d} m/s², {j} m/s³: {jerk}");
+        }
+    }
+}
+
+/// Every fifth committed plan of a drive through each map, driven to its rest from the state in which it was committed.
+#[test]
+fn committed_plans_of_the_bundled_maps_stop_where_they_say() {
+    let folder = File::new(env!("CARGO_MANIFEST_DIR")).join("maps");
+    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
+    files.retain(|f| f.extension().is_some_and(|e| e == "xml"));
+    files.sort();
+    let v = vehicle::load("bmw_320i").unwrap();
+    let mut stops = Vec::new();
+    for file in files {
+        let scenario = commonroad::read_file(&file).unwrap();
+        let run =
+            drive::drive(&scenario, &scenario.problems[0], &v, &drive::Settings::default(), &mut |_, _| {}).unwrap();
+        let name = file.file_stem().unwrap().to_string_lossy().into_owned();
+        for cycle in run.cycles.iter().step_by(5) {
+            let sample = run.log.samples.iter().find(|s| s.time > cycle.time - 1e-6).unwrap();
+            let plan = &cycle.committed;
+            if !plan.profile.ends_at_rest() || plan.end_time() <= cycle.time || sample.speed < 0.5 {
+                continue;
+            }
+            let Sample { time, pose, speed, acceleration, yaw_rate, steering, .. } = *sample;
+            let state = State { time, pose, speed, acceleration, yaw_rate, steering };
+            let stopped = driven_to_rest(&v, &state, plan);
+            if stopped.error.abs() > 0.05 {
+                println!("{name} at {:.1} s, {speed:.1} m/s: {stopped:?}", cycle.time);
+            }
+            stops.push(stopped);
+        }
+    }
+    check("maps/", &stops);
+}
+
+/// The paths that are tracked: tightest curvature κ, at a scale such that it is built up over about a second.
+fn paths(speed: f64, kappa: f64) -> [(&'static str, Path); 3] {
+    let spiral = |k: [f64; 4], seconds: f64| CubicSpiral { knots: k.map(|x| x * kappa), length: speed * seconds };
+    // a cubic through 0, k, k, 0 peaks at 9/8 k
+    let bow = |sign: f64, seconds: f64| spiral([0.0, 1.0, 1.0, 0.0].map(|x| sign * x * 8.0 / 9.0), seconds);
+    let straight = spiral([0.0; 4], 1.0);
+    let from = Pose::new(0.0, 0.0, 0.3);
+    let of = |spirals: &[CubicSpiral]| Path::new(from, spirals).unwrap();
+    let turn = [
+        straight,
+        spiral([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0], 1.5),
+        spiral([1.0; 4], 2.0),
+        spiral([1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0], 1.5),
+        straight,
+    ];
+    [
+        ("lane change", of(&[straight, bow(1.0, 2.0), bow(-1.0, 2.0), straight])),
+        (
+            "slalom",
+            of(&[straight, bow(1.0, 1.5), bow(-1.0, 3.0), bow(1.0, 3.0), bow(-1.0, 3.0), bow(1.0, 1.5), straight]),
+        ),
+        ("turn", of(&turn)),
+    ]
+}
+
+#[test]
+fn paths_are_tracked_to_a_quarter_metre_at_the_vehicles_comfortable_lateral_acceleration() {
+    for name in vehicle::builtin_names().iter().copied() {
+        let v = vehicle::load(name).unwrap();
+        let mut worst = 0.0;
+        for speed in [3.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0] {
+            // near top speed nothing is left to make good for what turning takes; the robot is a tenth of a car long
+            if speed > 0.9 * v.limits.speed || (name == "f1tenth" && speed > 8.0) {
+                continue;
+            }
+            let kappa = (v.comfort.lateral_acceleration / (speed * speed)).min(0.8 * v.max_curvature());
+            // no faster than the steering can: κ′ v L within 80 % of its rate, on the paths below at most 3 κ a second
+            let kappa = kappa.min(0.8 * v.limits.steering_rate / (3.0 * v.wheelbase));
+            for (kind, path) in paths(speed, kappa) {
+                let duration = path.length() / speed;
+                let t = Trajectory { start_time: 0.0, path, profile: profile(speed, &[(duration, 0.0, 0.0)]) };
+                let mut world = World::new(&v, &[], &start(t.at(0.0).pose, speed), &Settings::default()).unwrap();
+                let mut log = Log::default();
+                world.follow(&t, duration, &mut log);
+                let local = |s: &Sample| s.wanted_pose.to_local(s.pose.position);
+                let aside = log.samples.iter().map(|s| local(s).y.abs()).fold(0.0, f64::max);
+                let along = log.samples.iter().map(|s| local(s).x.abs()).fold(0.0, f64::max);
+                let lateral = log.samples.iter().map(|s| s.lateral_acceleration.abs()).fold(0.0, f64::max);
+                println!("{name} {kind} {speed:.1} m/s, {lateral:.2} m/s²: {aside:.3} m aside, {along:.3} m along");
+                worst = aside.max(worst);
+                assert!(along < 0.25, "{name} {kind} {speed} m/s: {along} m along");
+            }
+        }
+        println!("{name}: worst {worst:.3} m aside");
+        assert!(worst <= ASIDE, "{name}: {worst} m aside");
+    }
+}
