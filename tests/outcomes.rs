@@ -66,6 +66,22 @@ fn a_wall_too_near_to_stop_before_leaves_no_cycle_proven() {
     assert_eq!((proven.value, proven.pass), (0.0, false));
 }
 
+#[test]
+fn who_starts_too_fast_for_the_way_there_is_hears_the_distance_that_a_stop_takes() {
+    let mut scenario = straight();
+    scenario.problems[0].initial.speed = 20.0;
+    let initial = scenario.problems[0].initial.centre;
+    let mut wall = initial;
+    wall.position += initial.forward() * 25.0;
+    scenario.obstacles.push(parked(9000, wall, 1.0, 20.0));
+    let vehicle = vehicle::load("bmw_320i").unwrap();
+    let run = drive::plan(&scenario, &scenario.problems[0], &vehicle, &Settings::default()).unwrap();
+    assert_eq!((run.outcome, run.reason), (Outcome::NoSafePlan, Some("cannot_stop")));
+    let hardest = Settings::default().planner.emergency.last().unwrap().deceleration;
+    let expected = 20.0 * 20.0 / (2.0 * hardest);
+    assert!((run.stopping_distance.unwrap() - expected).abs() < 1e-9, "{:?} m", run.stopping_distance);
+}
+
 /// The file's time steps are where a goal counts; no physics step may pass between them.
 #[test]
 fn a_goal_is_reached_whatever_the_length_of_a_physics_step() {

@@ -65,16 +65,16 @@ pub(super) enum Comparison {
 /// Arguments of `bench safetlp`.
 #[derive(Debug, ArgGroup)]
 pub(super) struct SafeTlpArgs {
-    /// Length of the road, m.
-    #[arg(long, value_name = "M", default_value_t = 100.0)]
+    /// Length of the road, m; at most 10 km.
+    #[arg(long, value_name = "M", default_value_t = 100.0, value_parser = road_length, allow_negative_numbers = true)]
     pub(super) length: f64,
 
-    /// Length of a step, m.
-    #[arg(long, value_name = "M", default_value_t = 0.5)]
+    /// Length of a step, m. One that does not divide the road is made a little shorter.
+    #[arg(long, value_name = "M", default_value_t = 0.5, allow_negative_numbers = true)]
     pub(super) step: f64,
 
-    /// Width of a time bin, s.
-    #[arg(long, value_name = "S", default_value_t = 0.1)]
+    /// Width of a time bin, s; 1 ms to 10 s.
+    #[arg(long, value_name = "S", default_value_t = 0.1, value_parser = bin_width, allow_negative_numbers = true)]
     pub(super) time_bin: f64,
 
     /// Take every Nth start speed only: 1 is the paper's experiment, 13 ends within seconds.
@@ -221,6 +221,20 @@ fn fallback_interval(text: &str) -> Result<FallbackInterval, String> {
 /// A fault by itself is as it should be; what is injected twice counts as it was last.
 fn fault(text: &str) -> Result<String, String> {
     Faults::default().inject(text).map(|()| text.to_owned())
+}
+
+/// The length of a benchmark's road, m.
+fn road_length(text: &str) -> Result<f64, String> {
+    number_in(text, 0.001..=10_000.0, "a length in metres, 0.001 to 10000")
+}
+
+/// The width of a benchmark's time bins, s. Narrower ones fill any memory before the first stop is found.
+fn bin_width(text: &str) -> Result<f64, String> {
+    number_in(text, 0.001..=10.0, "a time in seconds, 0.001 to 10")
+}
+
+fn number_in(text: &str, range: std::ops::RangeInclusive<f64>, expected: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|x| range.contains(x)).ok_or_else(|| expected.to_owned())
 }
 
 /// A time that is a number and not negative, s.

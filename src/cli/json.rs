@@ -57,6 +57,9 @@ fn result(job: &Job, run: &Run, summary: &Summary, samples: &[Sample]) -> Map<St
     put("seed", json!(job.seed));
     put("outcome", json!(run.outcome.name()));
     put("reason", json!(run.reason));
+    if let Some(distance) = run.stopping_distance {
+        put("stopping_distance_m", json!(distance));
+    }
     put("verdict", json!(if summary.held { "pass" } else { "fail" }));
     put("checks", checks(run));
     put("metrics", serde_json::to_value(summary.metrics).unwrap_or_default());

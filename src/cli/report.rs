@@ -32,6 +32,9 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
     if let Some(reason) = run.reason {
         let _ = write!(text, " ({reason})");
     }
+    if let Some(distance) = run.stopping_distance {
+        let _ = write!(text, ", which takes {distance:.1} m");
+    }
     let _ = writeln!(text, ", {}", if result.held { "pass" } else { "FAIL" });
     let _ = writeln!(text, "vehicle {}, planning problem {}\n", run.vehicle.name, run.problem.id);
     if !run.verdict.checks.is_empty() {

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use self::forks::Forks;
 use crate::map::{Motion, PlanningProblem, Scenario};
-use crate::planner::{Cycle, NoLane, Planner, PlannerError};
+use crate::planner::{Cycle, NoLane, Planner, PlannerError, Rejection};
 use crate::simulation::{self, Controls, Log, SimulationError, TrackingController, World};
 use crate::vehicle::{State, Vehicle};
 use crate::verdict::{self, Expectation, Fallback, GoalWatch, Verdict};
@@ -40,6 +40,8 @@ pub struct Run<'a> {
     pub outcome: Outcome,
     /// Why, as a stable code, where the outcome alone does not say it.
     pub reason: Option<&'static str>,
+    /// Way that braking as hard as the planner may takes from the start, m, where no way is that long.
+    pub stopping_distance: Option<f64>,
     /// The named checks; empty for a single planning cycle.
     pub verdict: Verdict,
 }
@@ -334,6 +336,19 @@ fn moves_later(scenario: &Scenario, time: f64) -> bool {
     })
 }
 
+/// Whether all that the hardest braking allowed was tried, and every way was too short for it.
+fn cannot_stop(cycle: &Cycle) -> bool {
+    let last_attempt = cycle.candidates.iter().map(|c| c.attempt).max();
+    let mut last = cycle.candidates.iter().filter(|c| Some(c.attempt) == last_attempt).peekable();
+    last.peek().is_some() && last.all(|c| matches!(c.rejected, Some(Rejection::CannotStop | Rejection::NoRoom)))
+}
+
+/// Way to rest of a trajectory, m.
+fn stopping_distance(cycle: &Cycle) -> f64 {
+    let profile = &cycle.committed.profile;
+    profile.last().station - profile.at(0.0).station
+}
+
 impl<'a> Run<'a> {
     fn unstarted(scenario: &'a Scenario, problem: &'a PlanningProblem, vehicle: &'a Vehicle) -> Self {
         Self {
@@ -346,6 +361,7 @@ impl<'a> Run<'a> {
             faults: Faults::default(),
             outcome: Outcome::NoSafePlan,
             reason: None,
+            stopping_distance: None,
             verdict: Verdict::default(),
         }
     }
@@ -365,9 +381,14 @@ impl<'a> Run<'a> {
         if starts_in_contact {
             self.reason = Some("start_in_collision");
         } else if !self.is_ever_proven() {
-            // no path at all, or paths and no proof on any
+            // no path at all, paths that are all too short to stop on, or paths and no proof on any
             let no_edge = self.cycles.iter().all(|c| c.candidates.is_empty());
-            self.reason = Some(if no_edge { "no_feasible_edge" } else { "no_proven_plan" });
+            self.stopping_distance = self.cycles.first().filter(|c| cannot_stop(c)).map(stopping_distance);
+            self.reason = Some(match self.stopping_distance {
+                _ if no_edge => "no_feasible_edge",
+                Some(_) => "cannot_stop",
+                None => "no_proven_plan",
+            });
         }
     }
 

@@ -156,6 +156,7 @@ impl Settings {
             ("planner.time_gap".to_owned(), p.time_gap, 60.0, "s"),
             ("planner.lattice.edge_time".to_owned(), l.edge_time, 60.0, "s"),
             ("planner.lattice.steepest".to_owned(), l.steepest, 10.0, ""),
+            ("planner.emergency_speed".to_owned(), p.emergency_speed, 10.0, "times the cruising speed"),
         ];
         for (i, e) in p.emergency.iter().enumerate() {
             bounded.push((format!("planner.emergency[{i}].acceleration"), e.acceleration, 20.0, "m/s²"));
@@ -194,6 +195,7 @@ impl Settings {
             ("planner.lattice.root_layers", l.root_layers as f64, "1 to 20", 1.0, 20.0),
             ("planner.lattice.grid", l.grid, "0.5 to 100 m", 0.5, 100.0),
             ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1.0, 1000.0),
+            ("planner.emergency (stages)", p.emergency.len() as f64, "0 to 16", 0.0, 16.0),
             ("planner.expansions", p.expansions as f64, "1 to 10000000", 1.0, 1e7),
             ("planner.refinement.iterations", p.refinement.iterations as f64, "1 to 100", 1.0, 100.0),
             ("planner.longest_horizon", p.longest_horizon, "1 to 1000 m", 1.0, 1000.0),
@@ -331,6 +333,7 @@ mod tests {
             ("[run]\nrest = 1e300", "at most 3600 s"),
             ("[planner.lattice]\nsteepest = 11.0", "at most 10"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
+            ("[planner]\nemergency_speed = 11.0", "at most 10 times the cruising speed"),
             ("[planner]\njerk = 1e-9", "0.5 to 1000 m/s³"),
             ("[planner.lattice]\ngrid = 1e-6", "0.5 to 100 m"),
             ("[planner.lattice]\nroot_layers = 0", "1 to 20"),

@@ -98,8 +98,11 @@ impl Situation<'_> {
             // a plan without a proof is none
             SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions },
             SpeedOutcome::Nothing { why, .. } => {
-                let is_spent = matches!(why, Nothing::Spent(_));
-                let why = if is_spent { Rejection::NoProofInBudget } else { Rejection::NoProof };
+                let why = match why {
+                    Nothing::CannotStop { .. } => Rejection::CannotStop,
+                    Nothing::Spent(_) => Rejection::NoProofInBudget,
+                    Nothing::NoSafeState => Rejection::NoProof,
+                };
                 Evaluation::Rejected { why, expansions }
             }
             SpeedOutcome::Proven { mut plan, .. } => {

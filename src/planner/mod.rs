@@ -424,9 +424,9 @@ impl<'a> Planner<'a> {
 
     /// Whether the plan in force is to be left for the best one found.
     fn is_worth_taking(&self, start: &Start, rung: Rung, choice: &Choice, record: &mut CycleRecord) -> bool {
-        let end = choice.proven.searched.last().station;
+        let soon = choice.proven.searched.last().station.min(choice.proven.progress);
         let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| {
-            plan.is_worth_leaving(end)
+            plan.is_worth_leaving(soon)
                 && (!plan.is_another_way(&choice.path.path)
                     || self.staying(start, rung, choice, &plan).is_none_or(|staying| rank(choice.cost) < rank(staying)))
         });
@@ -436,9 +436,9 @@ impl<'a> Planner<'a> {
         worth
     }
 
-    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less
-    /// than the choice: its way's
-    /// cost as it was when it was chosen, the way that it has come to miss since, and how far it falls behind from here.
+    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less than the
+    /// choice: its way's cost as it was when it was chosen, the way that it has come to miss since, and how far it falls
+    /// behind from here.
     fn staying(&self, start: &Start, rung: Rung, choice: &Choice, plan: &InForce<'_>) -> Option<f64> {
         let is_as_safe =
             |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.against_set >= rung.against_set;

@@ -78,6 +78,8 @@ pub enum Rejection {
     TooSharp,
     /// `no_room`: what blocks it is so near that a moving vehicle has not even one cell of way.
     NoRoom,
+    /// `cannot_stop`: even the hardest braking of this attempt needs more way than there is.
+    CannotStop,
     /// `no_proof`: the search of its speed ended, and no speed profile along it has a proven stop.
     NoProof,
     /// `no_proof_in_budget`: the search spent its expansions before it found a proven stop.
@@ -96,9 +98,10 @@ pub enum Rejection {
 
 impl Rejection {
     /// Every reason, in the order in which they are checked.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::TooSharp,
         Self::NoRoom,
+        Self::CannotStop,
         Self::NoProof,
         Self::NoProofInBudget,
         Self::NoProfile,
@@ -113,6 +116,7 @@ impl Rejection {
         match self {
             Self::TooSharp => "too_sharp",
             Self::NoRoom => "no_room",
+            Self::CannotStop => "cannot_stop",
             Self::NoProof => "no_proof",
             Self::NoProofInBudget => "no_proof_in_budget",
             Self::NoProfile => "no_profile",
@@ -215,6 +219,6 @@ mod tests {
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
-        assert_eq!(Rejection::ALL[7], Rejection::InForce, "the last one is in the list");
+        assert_eq!(Rejection::ALL[8], Rejection::InForce, "the last one is in the list");
     }
 }

@@ -70,6 +70,7 @@ impl Example {
             faults: crate::drive::Faults::default(),
             outcome: Outcome::StoppedSafely,
             reason: None,
+            stopping_distance: None,
             verdict: verdict(),
         }
     }

@@ -318,10 +318,11 @@ impl<'a> Lattice<'a> {
         }
     }
 
-    /// Packs station, speed bin and time bin: 16 + 24 + 24 bits.
+    /// Packs station, speed bin and time bin: 16 + 24 + 24 bits. The last bin of a kind holds all beyond.
     fn key(&self, s: &SpeedState) -> u64 {
+        const LAST: u64 = (1 << 24) - 1;
         let (speed, time) = self.bins(s);
-        ((s.node as u64) << 48) | ((speed as u64 & 0xFF_FFFF) << 24) | (time as u64 & 0xFF_FFFF)
+        ((s.node as u64) << 48) | ((speed as u64).min(LAST) << 24) | (time as u64).min(LAST)
     }
 
     /// Speed bin and time bin of a state.

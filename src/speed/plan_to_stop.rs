@@ -60,7 +60,9 @@ struct Seen {
 impl Seen {
     /// Whether the bin was not in it before.
     fn insert(&mut self, speed: usize, time: usize) -> bool {
-        let word = self.words.entry(((speed as u64) << 32) | (time as u64 / 64)).or_default();
+        // 24 bits of speed and 40 of time words; the last bin of a kind holds all beyond
+        let (speed, word) = ((speed as u64).min((1 << 24) - 1), (time as u64 / 64).min((1 << 40) - 1));
+        let word = self.words.entry(speed << 40 | word).or_default();
         let bit = 1 << (time % 64);
         let new = *word & bit == 0;
         *word |= bit;

@@ -71,6 +71,9 @@ pub enum ProblemError {
 /// Most nodes of a problem: the search packs their number into sixteen bits.
 const MOST_NODES: usize = 1 << 16;
 
+/// Narrowest bins and shortest wait of a search, m/s and s.
+const NARROWEST: f64 = 1e-6;
+
 impl SpeedProblem {
     /// Number of cells.
     #[must_use]
@@ -204,14 +207,15 @@ impl AccelerationLimits {
 }
 
 impl Resolution {
-    /// Checks that bins and waits have a width.
+    /// Checks that bins and waits have a width of a millionth at the least: below, rounding tells states apart, and the bins
+    /// of a drive are more than a key can hold.
     ///
     /// # Errors
     /// The first that has none.
     pub fn validate(&self) -> Result<(), ProblemError> {
         let widths = [("speed bin", self.speed), ("time bin", self.time), ("waiting time", self.wait)];
-        let wrong = widths.into_iter().find(|(_, w)| !(*w > 0.0 && w.is_finite()));
-        wrong.map_or(Ok(()), |(what, value)| Err(ProblemError::Value { what, value, expected: "positive" }))
+        let wrong = widths.into_iter().find(|(_, w)| !(*w >= NARROWEST && w.is_finite()));
+        wrong.map_or(Ok(()), |(what, value)| Err(ProblemError::Value { what, value, expected: "at least 1e-6" }))
     }
 }
 

@@ -1,7 +1,7 @@
 //! What the measurements of `stopline bench safetlp` come to: by method, by method and limit set, and as promises.
 
 use super::super::{Check, quantile};
-use super::{Comparison, LIMIT_SETS, Measured, Method};
+use super::{Comparison, LIMIT_SETS, Measured, Method, TIME_LIMIT};
 
 /// How many times fewer expansions SafeTLP must need than plan-to-stop, on the median.
 const FEWER: f64 = 1000.0;
@@ -26,9 +26,9 @@ pub struct Summary {
     pub instances: usize,
     /// Plans whose stop was proved again.
     pub proven: usize,
-    /// Median of the expansions.
+    /// Median of the expansions; not a number where nothing was searched.
     pub expansions: f64,
-    /// Median time, s.
+    /// Median time, s; likewise.
     pub time: f64,
     /// Mean of the average speeds of the plans, m/s; not a number without a plan.
     pub average_speed: f64,
@@ -37,10 +37,11 @@ pub struct Summary {
 }
 
 impl Group {
-    /// A value of every instance, sorted.
+    /// A value of every instance that was searched, sorted.
     #[must_use]
     pub fn sorted(&self, value: impl Fn(&Measured) -> Option<f64>) -> Vec<f64> {
-        let mut values: Vec<f64> = self.measured.iter().filter_map(value).filter(|v| v.is_finite()).collect();
+        let searched = self.measured.iter().filter(|m| m.ended != TIME_LIMIT);
+        let mut values: Vec<f64> = searched.filter_map(value).filter(|v| v.is_finite()).collect();
         values.sort_by(f64::total_cmp);
         values
     }
@@ -52,15 +53,26 @@ impl Group {
         Summary {
             instances: self.measured.len(),
             proven: self.measured.iter().filter(|m| m.plan.is_some_and(|p| p.proved_again)).count(),
-            expansions: quantile(&self.sorted(|m| Some(m.expansions as f64)), 0.5),
-            time: quantile(&self.sorted(|m| Some(m.time)), 0.5),
+            expansions: median(&self.sorted(|m| Some(m.expansions as f64))),
+            time: median(&self.sorted(|m| Some(m.time))),
             average_speed: speeds.iter().sum::<f64>() / speeds.len() as f64,
             bytes: self.measured.iter().map(|m| m.bytes).max().unwrap_or(0),
         }
     }
 }
 
+/// Not a number of nothing.
+fn median(sorted: &[f64]) -> f64 {
+    if sorted.is_empty() { f64::NAN } else { quantile(sorted, 0.5) }
+}
+
 impl Comparison {
+    /// The fastest start, m/s.
+    #[must_use]
+    pub fn fastest_start(&self) -> f64 {
+        self.instances.iter().map(|i| i.start_speed).fold(0.0, f64::max)
+    }
+
     /// One method on one limit set, or on all.
     #[must_use]
     pub fn group(&self, method: Method, set: Option<usize>) -> Group {

@@ -194,7 +194,7 @@ pub struct PlanFigures {
 /// What came out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// What was compared on.
+    /// What was compared on, with the length that a step really has.
     pub settings: Settings,
     /// The instances, set by set.
     pub instances: Vec<Instance>,
@@ -259,7 +259,8 @@ pub fn compare(settings: &Settings, done: impl Fn() + Sync) -> Result<Comparison
             _ => problems.iter().filter_map(|p| measure(method, p, 3)).collect(),
         }
     };
-    Ok(Comparison { settings: *settings, measured: Method::ALL.map(all).to_vec(), instances })
+    let step = problems.first().map_or(settings.step, |p| p.end() / p.cells() as f64);
+    Ok(Comparison { settings: Settings { step, ..*settings }, measured: Method::ALL.map(all).to_vec(), instances })
 }
 
 /// Number of searches that [`compare`] makes.
@@ -403,6 +404,14 @@ mod tests {
             assert!(measured.iter().all(|m| (m.ended == TIME_LIMIT) == is_exhaustive), "{method:?} {measured:?}");
         }
         assert!(comparison.checks().iter().any(|c| !c.pass));
+        let summary = comparison.group(Method::PlanToStop, None).summary();
+        assert!(summary.expansions.is_nan() && summary.time.is_nan(), "nothing was measured: {summary:?}");
+    }
+
+    #[test]
+    fn a_step_that_does_not_divide_the_road_is_told_as_it_was_made() {
+        let step = compare(&Settings { step: 0.3, every: 25, ..SMALL }, || ()).unwrap().settings.step;
+        assert!((step - 20.0 / 67.0).abs() < 1e-12, "{step}");
     }
 
     #[test]

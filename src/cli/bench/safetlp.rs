@@ -146,14 +146,20 @@ fn to_csv(comparison: &Comparison) -> String {
     text
 }
 
+/// A length to a tenth of a millimetre, without trailing zeros.
+fn rounded(length: f64) -> f64 {
+    (length * 1e4).round() / 1e4
+}
+
 /// The tables for people.
 fn text(comparison: &Comparison, value: &Value) -> String {
     let s = &comparison.settings;
     let mut text = format!(
-        "{} instances: a stop after {} m in steps of {} m, at most 15 m/s, from 0…5 m/s, four limit sets; time bins {} s\n\n",
+        "{} instances: a stop after {} m in steps of {} m, at most 15 m/s, from 0…{:.1} m/s, four limit sets; time bins {} s\n\n",
         comparison.instances.len(),
         s.length,
-        s.step,
+        rounded(s.step),
+        comparison.fastest_start(),
         s.time_bin
     );
     let head = ["method", "proven", "expansions", "time", "memory", "average speed, m/s, by limit set", "", "", ""];
@@ -198,13 +204,17 @@ fn cells(comparison: &Comparison, method: Method) -> Vec<String> {
     let mut cells = vec![
         method.label().to_owned(),
         format!("{}/{}", all.proven, all.instances),
-        format!("{:.0}", all.expansions),
-        format!("{:.1}", 1e6 * all.time),
+        figure(all.expansions, 0),
+        figure(1e6 * all.time, 1),
         format!("{:.2}", all.bytes as f64 / MIB as f64),
     ];
-    cells.extend((0..LIMIT_SETS.len()).map(|set| {
-        let speed = comparison.group(method, Some(set)).summary().average_speed;
-        if speed.is_finite() { format!("{speed:.3}") } else { "-".into() }
-    }));
+    cells.extend(
+        (0..LIMIT_SETS.len()).map(|set| figure(comparison.group(method, Some(set)).summary().average_speed, 3)),
+    );
     cells
+}
+
+/// A number with its decimals; a dash where there was nothing to measure.
+fn figure(value: f64, decimals: usize) -> String {
+    if value.is_finite() { format!("{value:.decimals$}") } else { "-".into() }
 }

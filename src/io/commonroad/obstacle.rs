@@ -166,8 +166,24 @@ fn trajectory_of(
     if contradicting > 0 {
         source.note(node, format!("{contradicting} states are elsewhere than another one of the same time; left out"));
     }
+    note_gaps(source, node, &states);
     fill_headings(source, node, &mut states, shape);
     Ok(timed_poses(source, node, &states, time_step))
+}
+
+/// Tells of times without a state between two that are there: the motion goes on evenly from the one to the other.
+fn note_gaps(source: &mut Source, node: Node, states: &[State]) {
+    let steps = states.windows(2).map(|w| w[1].step - w[0].step);
+    let usual = steps.clone().fold(f64::INFINITY, f64::min);
+    // time steps may be intervals, whose middles lie at halves
+    let gaps = steps.clone().filter(|s| *s > 1.5 * usual).count();
+    let longest = steps.fold(0.0, f64::max);
+    if gaps > 0 {
+        source.note(
+            node,
+            format!("has {gaps} gap(s) between its states, the longest of {longest} time steps; filled evenly"),
+        );
+    }
 }
 
 /// Gives states without an orientation that of their motion, or that of the state before while standing.

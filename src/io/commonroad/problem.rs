@@ -44,6 +44,9 @@ fn initial(source: &mut Source, node: Node) -> Result<InitialState, ReadError> {
     if state.uncertain {
         source.note(node, "is uncertain; the middle of its intervals and regions is used");
     }
+    if speed < 0.0 {
+        source.note(node, format!("rolls backwards at {} m/s; plans go forwards only", -speed));
+    }
     let optional = |name| child(node, name).map_or(Ok(0.0), |n| state::values(source, n).map(middle));
     #[allow(clippy::cast_possible_truncation)] // at most 1e9
     Ok(InitialState {

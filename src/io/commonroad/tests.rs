@@ -463,6 +463,7 @@ fn uncertain_states_are_reduced_to_their_middle_and_noted() {
         &["planningProblem 40, initialState: is uncertain"],
     );
     assert_eq!(s.problems[0].initial.speed, 7.5);
+    noted(&with("<exact>8.0</exact>", "<exact>-2.0</exact>"), &["rolls backwards at 2 m/s"]);
 }
 
 #[test]
@@ -479,6 +480,7 @@ fn states_out_of_order_are_sorted_and_missing_headings_follow_the_motion() {
     let s = noted(&swapped, &["not in order of time"]);
     let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
     assert!(states.is_sorted_by(|a, b| a.time < b.time));
+    noted(&swapped, &["has 1 gap(s) between its states, the longest of 5 time steps"]);
 
     let state = "<x>1000001.0</x><y>1.75</y></point></position>\n        <orientation><exact>0.0</exact></orientation>";
     let headless = with(state, "<x>1000002.0</x><y>0.75</y></point></position>");
