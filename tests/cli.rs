@@ -102,6 +102,12 @@ fn exit_2_is_wrong_use() {
     complains(&place.run(&["drive"]), 2, &["SCENARIO"]);
     complains(&place.run(&["drive", ROAD, "--fast"]), 2, &["--fast"]);
     complains(&place.run(&["drive", ROAD, "--seed=-1"]), 2, &["--seed"]);
+    complains(&place.run(&["drive", ROAD, "--inject", "rain=1"]), 2, &["--inject", "`rain` is no fault", "delay"]);
+    complains(&place.run(&["drive", ROAD, "--inject", "mass=-1"]), 2, &["mass is -1", "from 0.1 to 10"]);
+    complains(&place.run(&["plan", ROAD, "--inject", "mass=1.2"]), 2, &["--inject", "not driven"]);
+    complains(&place.run(&["drive", ROAD, "--comfort", "iso"]), 2, &["--comfort", "iso15622"]);
+    complains(&place.run(&["drive", ROAD, "--fallbacks", "often"]), 2, &["--fallbacks"]);
+    complains(&place.run(&["drive", ROAD, "--fallbacks", "0"]), 2, &["verdict.fallbacks.interval"]);
     for threads in ["0", "many", "100000"] {
         complains(&place.run(&["drive", ROAD, "--threads", threads]), 2, &["--threads"]);
     }
@@ -516,6 +522,26 @@ fn the_hash_is_the_same_for_every_repetition_and_number_of_threads() {
     assert_eq!(hash(&place, &["--threads", "2"]), first);
     assert_eq!(hash(&place, &["--svg", "run.svg", "--solution", "run.xml"]), first, "outputs change nothing");
     assert_ne!(hash(&place, &["--seed", "1"]), first, "the seed is part of the result");
+}
+
+#[test]
+fn faults_limits_and_forks_are_told_in_the_json() {
+    let place = Place::new();
+    let result = |arguments: &[&str]| -> Value {
+        let all = [&["drive", ROAD, "--quiet", "--json", "-"], arguments].concat();
+        serde_json::from_str(&stdout(&place.run(&all))).unwrap()
+    };
+    let check =
+        |result: &Value, name: &str| result["checks"].as_array().unwrap().iter().find(|c| c["name"] == name).cloned();
+    let plain = result(&[]);
+    assert!(plain.get("faults").is_none() && check(&plain, "fallback_stops").is_some());
+    let missed = result(&["--inject", "missed_cycles=3", "--inject", "mass=1.1", "--seed", "7", "--fallbacks", "off"]);
+    assert_eq!((&missed["faults"]["missed_cycles"], &missed["faults"]["mass"]), (&3.into(), &1.1.into()));
+    assert_eq!((&missed["faults"]["seed"], &missed["seed"]), (&7.into(), &7.into()));
+    assert!(check(&missed, "fallback_stops").is_none());
+    let strict = result(&["--comfort", "iso11270", "--fallbacks", "5"]);
+    assert_eq!(check(&strict, "comfort_lateral_jerk").unwrap()["limit"], 5.0);
+    assert!(check(&strict, "comfort_jerk").unwrap()["note"].as_str().unwrap().contains("limits of iso11270"));
 }
 
 #[test]

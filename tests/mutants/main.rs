@@ -64,10 +64,7 @@ fn is_caught(name: &str, story: &str, vehicle: &Vehicle, check: &str, mistake: &
     assert!(twin.verdict.pass(), "{name}: the twin on {story} fails: {:#?}", failures(&twin));
     let mutant = driven(&scenario, vehicle, mistake);
     let caught: Vec<&str> = mutant.verdict.failures().map(|c| c.name).collect();
-    println!("| {name} | `{story}` | {} | {caught:?}", mutant.outcome.name());
-    for f in failures(&mutant) {
-        println!("    {f}");
-    }
+    println!("{name} on {story}: {}, caught by {caught:?}", mutant.outcome.name());
     assert!(
         caught.contains(&check),
         "{name} on {story}: {check} does not see it, {caught:?} do: {:#?}",
@@ -105,7 +102,8 @@ mutants! {
     centre_taken_for_rear_axle on lane_blocked, VEHICLE, by no_contact: Sees(planners::centre_for_rear_axle);
     prediction_frozen on cut_in, VEHICLE, by no_contact: Sees(planners::frozen_predictions);
     prediction_of_constant_velocity on lead_brakes_hard, VEHICLE, by no_contact: Sees(planners::constant_velocity);
-    prediction_stale on oncoming, VEHICLE, by no_contact: Sees(planners::stale_predictions);
+    prediction_stale on pedestrian, VEHICLE, by no_contact: Sees(planners::stale_predictions);
+    prediction_of_the_next_second on cut_in, VEHICLE, by no_contact: Sees(planners::early_predictions);
     road_borders_ignored on lane_blocked, VEHICLE, by stays_on_road: Sees(planners::wider_road);
     curvature_bound_ignored on parked_car, stiff(), by tracking: Sees(planners::any_curvature);
     comfort_limits_doubled on straight_100m, VEHICLE, by comfort_longitudinal: Sees(planners::twice_the_comfort);
@@ -126,7 +124,18 @@ mutants! {
     jerk_unbounded on straight_100m, VEHICLE, by comfort_jerk: Controls(Flaw::AllOrNothing);
     stop_past_the_line on straight_100m, VEHICLE, by stops: Controls(Flaw::HalfAMetreBehind);
 }
+/// The table of the docs and this file's are the same.
 #[test]
-fn zz() {
-    println!("{}", MUTANTS.len());
+fn the_docs_tell_every_mutant_and_by_what_it_is_caught() {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/verdict.md");
+    let text = std::fs::read_to_string(file).unwrap();
+    let told: Vec<(&str, &str, &str)> = text
+        .lines()
+        .filter_map(|line| {
+            let cells: Vec<&str> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+            (cells.len() == 6 && MUTANTS.iter().any(|m| m.0 == cells[1])).then(|| (cells[1], cells[2], cells[4]))
+        })
+        .collect();
+    assert_eq!(told, MUTANTS);
+    assert!(MUTANTS.len() >= 20);
 }

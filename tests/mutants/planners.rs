@@ -58,14 +58,25 @@ pub(crate) fn constant_velocity(belief: &mut Belief) {
     }
 }
 
-/// What is known of the traffic is three seconds old.
+/// What is known of the traffic is four seconds old.
 pub(crate) fn stale_predictions(belief: &mut Belief) {
-    const AGE: f64 = 3.0;
+    const AGE: f64 = 4.0;
     for o in &mut belief.scenario.obstacles {
         if let Motion::Trajectory(states) = &mut o.motion {
             let first = states[0];
             states.iter_mut().for_each(|s| s.time += AGE);
             states.insert(0, TimedPose { ..first });
+        }
+    }
+}
+
+/// The traffic is taken to be where it will be a second later.
+pub(crate) fn early_predictions(belief: &mut Belief) {
+    for o in &mut belief.scenario.obstacles {
+        if let Motion::Trajectory(states) = &mut o.motion {
+            let last = states[states.len() - 1];
+            states.iter_mut().for_each(|s| s.time -= 1.0);
+            states.push(TimedPose { pose: last.pose.advanced(last.speed), ..last });
         }
     }
 }
