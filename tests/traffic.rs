@@ -230,3 +230,17 @@ fn runs_against_sets_end_without_contact_and_say_how_often_they_were_proven() {
         assert_eq!(run.outcome, Outcome::GoalReached);
     }
 }
+
+/// A plan that creeps until the region ahead has cleared is no reason to leave a stop a metre before it.
+#[test]
+fn stops_are_made_where_they_were_meant_with_sets_around_the_traffic() {
+    for map in ["lead_brakes_hard", "pedestrian"] {
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("maps/{map}.xml"));
+        let scenario = stopline::io::commonroad::read_file(&file).unwrap();
+        for mode in [UncertaintyMode::Preferred, UncertaintyMode::Required] {
+            let settings = sets(mode, 1.0, 0.2, 0.5);
+            let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
+            assert!(run.verdict.pass(), "{map}, {mode:?}: {:?}", run.verdict.first_failure());
+        }
+    }
+}

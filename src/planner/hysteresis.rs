@@ -17,8 +17,9 @@
 //! they would have to find. Then every candidate is another way, and the cheapest of them is taken only if it costs less
 //! than going on as planned, which needs no new proof: the plan in force has one up to its rest (`Planner::staying`).
 //!
-//! **At a stop** there is nothing to choose between: in the final approach a plan is left only for one that gets
-//! farther by a metre ([`InForce::is_worth_leaving`]), so that a stop is not re-planned centimetre by centimetre.
+//! **At a stop** there is nothing to choose between: in the final approach a plan is left only for one that soon gets
+//! farther by a metre ([`InForce::is_worth_leaving`]), so that a stop is not re-planned centimetre by centimetre, nor drawn
+//! out by one that would creep until the way is free.
 //!
 //! Weak: where the plan in force was laid through nodes that the present layers leave out, its continuation is only
 //! nearly among the candidates, and all of them pay a little. A way blocked since is left at any price.
@@ -93,11 +94,11 @@ impl<'a> InForce<'a> {
         self.plan.at(time).station - self.station
     }
 
-    /// Whether a plan that comes to rest at a station (m from here) is worth leaving the plan in force for, close to its
-    /// stop.
-    pub(super) fn is_worth_leaving(&self, rests_at: f64) -> bool {
+    /// Whether a plan that will soon have come to a station (m from here), or have come to rest there, is worth leaving the
+    /// plan in force for, close to its stop.
+    pub(super) fn is_worth_leaving(&self, soon_at: f64) -> bool {
         let rest = self.plan.profile.last().station - self.station;
-        rest >= FINAL_APPROACH || rests_at - rest >= WORTH_MOVING
+        rest >= FINAL_APPROACH || soon_at - rest >= WORTH_MOVING
     }
 }
 

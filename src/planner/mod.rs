@@ -424,9 +424,9 @@ impl<'a> Planner<'a> {
 
     /// Whether the plan in force is to be left for the best one found.
     fn is_worth_taking(&self, start: &Start, rung: Rung, choice: &Choice, record: &mut CycleRecord) -> bool {
-        let end = choice.proven.searched.last().station;
+        let soon = choice.proven.searched.last().station.min(choice.proven.progress);
         let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| {
-            plan.is_worth_leaving(end)
+            plan.is_worth_leaving(soon)
                 && (!plan.is_another_way(&choice.path.path)
                     || self.staying(start, rung, choice, &plan).is_none_or(|staying| rank(choice.cost) < rank(staying)))
         });
