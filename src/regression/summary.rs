@@ -178,7 +178,7 @@ impl Summary {
     /// # Errors
     /// A drive failed, passed though it is expected to fail, or could not be made.
     pub fn into_result(self) -> Result<(), SuiteFailed> {
-        if self.is_success() { Ok(()) } else { Err(SuiteFailed(self)) }
+        if self.is_success() { Ok(()) } else { Err(SuiteFailed(Box::new(self))) }
     }
 
     /// The counts in a line: "12 drives: 11 pass, 1 fail".
@@ -220,7 +220,7 @@ impl fmt::Display for Summary {
 #[derive(Clone)]
 pub struct SuiteFailed(
     /// What it came to.
-    pub Summary,
+    pub Box<Summary>,
 );
 
 impl fmt::Display for SuiteFailed {

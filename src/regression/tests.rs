@@ -272,7 +272,8 @@ fn shards_part_the_suite() {
         seen.extend(summary.drives.into_iter().map(|d| d.id));
     }
     let mut all: Vec<String> = suite.ids().map(str::to_owned).collect();
-    (seen.sort(), all.sort());
+    seen.sort();
+    all.sort();
     assert_eq!(seen, all);
     for wrong in ["0/3", "4/3", "1/0", "1", "/", "a/b", "-1/3", "1/3/5", ""] {
         assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
