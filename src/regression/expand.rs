@@ -161,12 +161,8 @@ impl Expansion<'_> {
         let scenarios = self.scenarios(entry)?;
         let default_vehicle = OneOrMore(vec![DEFAULT_VEHICLE.to_owned()]);
         let vehicles = &entry.vehicle.as_ref().unwrap_or(&default_vehicle).0;
-        let variants = self.variants(entry)?;
-        let seeds = entry.seeds.clone().unwrap_or_else(|| vec![0]);
-        if seeds.is_empty() {
-            return Err("`seeds` is empty, expected at least one".into());
-        }
-        let count = scenarios.len().saturating_mul(vehicles.len() * variants.len() * seeds.len());
+        let variants = seeded(self.variants(entry)?, entry.seeds.as_deref())?;
+        let count = scenarios.len().saturating_mul(vehicles.len() * variants.len());
         if self.cases.len().saturating_add(count) > MOST_DRIVES {
             return Err(format!("{count} drives more are too many, expected {MOST_DRIVES} in a suite at most"));
         }
@@ -181,25 +177,21 @@ impl Expansion<'_> {
             for name in vehicles {
                 let (vehicle_name, vehicle) = self.vehicle(name)?;
                 for variant in &variants {
-                    for &seed in &seeds {
-                        let seed_told = (seeds.len() > 1).then(|| format!("seed={seed}"));
-                        let told = variant.told.iter().cloned().chain(seed_told).collect::<Vec<_>>();
-                        self.cases.push(Case {
-                            id: id(entry, scenario, name, &told),
-                            line,
-                            scenario_name: scenario.clone(),
-                            scenario: self.folder.join(scenario),
-                            problem: entry.problem,
-                            vehicle_name: vehicle_name.clone(),
-                            vehicle: Arc::clone(&vehicle),
-                            config_file: entry.config.as_ref().map(|c| self.folder.join(c)),
-                            settings: Arc::clone(&variant.settings),
-                            config: Arc::clone(&variant.config),
-                            seed,
-                            repetitions: entry.repetitions.map_or(1, |r| r.0),
-                            expected: Arc::clone(&expected),
-                        });
-                    }
+                    self.cases.push(Case {
+                        id: id(entry, scenario, name, &variant.told),
+                        line,
+                        scenario_name: scenario.clone(),
+                        scenario: self.folder.join(scenario),
+                        problem: entry.problem,
+                        vehicle_name: vehicle_name.clone(),
+                        vehicle: Arc::clone(&vehicle),
+                        config_file: entry.config.as_ref().map(|c| self.folder.join(c)),
+                        settings: Arc::clone(&variant.settings),
+                        config: Arc::clone(&variant.config),
+                        seed: variant.settings.faults.seed,
+                        repetitions: entry.repetitions.map_or(1, |r| r.0),
+                        expected: Arc::clone(&expected),
+                    });
                 }
             }
         }
@@ -299,9 +291,30 @@ impl Variant {
         let settings =
             Settings::deserialize(table).map_err(|e| format!("{context}: {}", settings_file::with_suggestion(&e)))?;
         settings.validate().map_err(|e| format!("{context}: {e}"))?;
-        let config = toml::to_string(&settings).map_err(|e| format!("{context}: cannot be told as TOML: {e}"))?;
+        Self::told(told, settings)
+    }
+}
+
+impl Variant {
+    fn told(told: Vec<String>, settings: Settings) -> Result<Self, String> {
+        let config = toml::to_string(&settings).map_err(|e| format!("settings that cannot be told as TOML: {e}"))?;
         Ok(Self { told, settings: Arc::new(settings), config: config.into() })
     }
+}
+
+/// Each variant with each seed of what is random. The id has it where there are several.
+fn seeded(variants: Vec<Variant>, seeds: Option<&[u64]>) -> Result<Vec<Variant>, String> {
+    let Some(seeds) = seeds else { return Ok(variants) };
+    if seeds.is_empty() {
+        return Err("`seeds` is empty, expected at least one".into());
+    }
+    let with = |variant: &Variant, seed: u64| {
+        let mut settings = (*variant.settings).clone();
+        settings.faults.seed = seed;
+        let told = (seeds.len() > 1).then(|| format!("seed={seed}"));
+        Variant::told(variant.told.iter().cloned().chain(told).collect(), settings)
+    };
+    variants.iter().flat_map(|variant| seeds.iter().map(move |seed| with(variant, *seed))).collect()
 }
 
 /// `name:scenario#problem@vehicle,key=value,…`, of which name, problem, keys are there only where the entry has them.
