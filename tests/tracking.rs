@@ -116,6 +116,19 @@ fn comfortable_stops_end_at_the_line_never_past_it_and_softly() {
     }
 }
 
+/// The brakes' lag alone would let it roll on for 5 cm while they build up.
+#[test]
+fn an_emergency_that_begins_within_the_lag_of_the_brakes_is_braked_on_beyond_the_stop() {
+    let v = vehicle::load("bmw_320i").unwrap();
+    let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral { knots: [0.0; 4], length: 50.0 }]).unwrap();
+    for (speed, d, most) in [(0.54, 8.3, 0.06), (1.0, 8.0, 0.1), (1.0, 4.0, 0.1)] {
+        let t = Trajectory { start_time: 0.0, path: path.clone(), profile: profile(speed, &[(speed / d, -d, 0.0)]) };
+        let stopped = driven_to_rest(&v, &start(t.at(0.0).pose, speed), &t);
+        println!("{speed} m/s, {d} m/s²: {:+.3} m", stopped.furthest);
+        assert!(stopped.furthest <= most, "{speed} m/s, {d} m/s²: {stopped:?}");
+    }
+}
+
 /// Every fifth committed plan of a drive through each map, driven to its rest from the state in which it was committed.
 #[test]
 fn committed_plans_of_the_bundled_maps_stop_where_they_say() {

@@ -100,12 +100,9 @@ def row_of(name, manoeuvre, rig, st, mb):
     return [name, manoeuvre.replace("_", " ")] + [f"{value:.2f}" for value in values]
 
 
-def write_tables(folder, rows):
+def write_table(folder, rows):
     with open(folder / "comparison.csv", "w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
-    with open(folder / "comparison.md", "w") as file:
-        file.write("| " + " | ".join(COLUMNS) + " |\n|" + "---|" * 2 + "---:|" * (len(COLUMNS) - 2) + "\n")
-        file.writelines("| " + " | ".join(row) + " |\n" for row in rows)
 
 
 def write_reference(path, runs):
@@ -213,11 +210,11 @@ def main():
     docs = ROOT / "docs/physics"
     docs.mkdir(parents=True, exist_ok=True)
     rows = [row_of(VEHICLES[v][0], m, rig, models["st"], models["mb"]) for (v, m), (rig, models) in runs.items()]
-    write_tables(docs, rows)
+    write_table(docs, rows)
     write_reference(Path(__file__).parent / "reference.csv", runs)
     for number_, (name, _) in VEHICLES.items():
         picture(docs / f"{name}.svg", name, {m: runs[number_, m] for m in MANOEUVRES})
-    print((docs / "comparison.md").read_text())
+    print("\n".join("| " + " | ".join(row) + " |" for row in [COLUMNS, *rows]))
 
 
 if __name__ == "__main__":

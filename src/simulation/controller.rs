@@ -12,7 +12,7 @@
 //!   bounded. The station error does the work of an integrator, so there is none that could wind up.
 //! - **Stop**: the last metres aim 15 mm short of the end, more than what model and feedback leave as error. When the
 //!   wanted speed is zero and stays zero, the brakes hold once the vehicle is at rest. Short of the end by more than a
-//!   tolerance it creeps on; it never drives backwards.
+//!   tolerance it creeps on; still rolling beyond it, it brakes as hard as was planned; it never drives backwards.
 //!
 //! **Tuning.** Seen in time, both loops are (ω² + 2 ω p)/p² behind a lag τ: crossover near 2.06 ω, where the controller
 //! leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less what yaw inertia and the sampling take. ω is
@@ -58,6 +58,9 @@ const REST_PREVIEW: f64 = 0.5;
 const WANTED_REST: f64 = 1e-3;
 /// Slower than this the vehicle counts as at rest when the profile is, m/s.
 const AT_REST: f64 = 0.03;
+/// Faster than this beyond the end, the stop has failed and the brakes are applied as hard as they were anywhere in the
+/// profile, m/s: an emergency that began later than the brakes' lag allows. Stops with a ramp are slower there.
+const OVERRUN: f64 = 2.0 * AT_REST;
 /// Short of the end by less than this, the vehicle is held where it is, m.
 const STOP_TOLERANCE: f64 = 0.03;
 /// How far short of the end a stop aims, m.
@@ -137,6 +140,9 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     let at_end = wanted.speed < WANTED_REST && profile.at(since + REST_PREVIEW).speed < WANTED_REST;
     if at_end && state.speed < AT_REST && station_error < STOP_TOLERANCE {
         return -HOLD;
+    }
+    if at_end && state.speed > OVERRUN && station_error < 0.0 {
+        return -profile.knots().iter().map(|k| -k.acceleration).fold(HOLD, f64::max);
     }
     let omega = longitudinal_bandwidth(vehicle);
     let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
