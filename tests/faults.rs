@@ -49,7 +49,7 @@ fn all_faults_at_once_touch_nothing() {
 /// On ice the run itself may end well, and its fallbacks would not have: nobody but the forks sees it.
 #[test]
 fn ice_is_seen_by_the_fallbacks_where_the_run_itself_ends_well() {
-    let scenario = bundled("lead_brakes_hard");
+    let scenario = bundled("pedestrian");
     let run = with(&scenario, &["friction=0.2"], 0);
     assert_eq!(broken(&run), ["fallback_stops"], "{:#?}", failures(&run));
 }
