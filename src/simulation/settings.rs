@@ -53,9 +53,13 @@ impl Settings {
         check("friction_scale", scale, scale > 0.0 && scale <= 10.0, "above 0, at most 10")
     }
 
-    /// Steps between log samples, at least one.
+    /// Steps between log samples, at least one; where they do not go into the rate, there are more samples, not fewer.
     pub(super) fn steps_per_sample(&self) -> u64 {
-        steps_between(self.log_rate_hz, self.step)
+        /// Rounding of the two divisions.
+        const ROUNDING: f64 = 1e-9;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from ten a second to 1e5
+        let steps = (1.0 / (self.log_rate_hz * self.step) + ROUNDING).floor().clamp(1.0, 1e9) as u64;
+        steps
     }
 
     /// Steps between decisions of the controller, at least one.
