@@ -242,3 +242,15 @@ fn a_drive_of_a_report_is_replayed_and_made_by_itself() {
     std::fs::write(place.path("r.json"), "{}").unwrap();
     says(&place.check(&["--replay", id, "--report", "r.json"]), 3, &["r.json", "not a report"]);
 }
+
+#[test]
+fn suites_that_would_throw_out_each_others_figures_are_refused() {
+    let suite = format!(
+        "baseline = \"kept.json\"\n[[drive]]\nscenarios = \"a.xml\"\n{SECOND}tolerances.distance_m = {{ absolute = 1.0 }}\n"
+    );
+    let place = Place::new(&suite);
+    std::fs::write(place.path("other.toml"), suite.replace("[[drive]]", "[[drive]]\nname = \"b\"")).unwrap();
+    says(&place.check(&["other.toml", "--bless"]), 2, &["suite.toml", "other.toml", "kept.json"]);
+    says(&place.check(&["./suite.toml"]), 2, &["named twice"]);
+    assert!(!place.path("kept.json").exists());
+}

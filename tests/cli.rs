@@ -249,6 +249,8 @@ fn friction_is_a_factor_a_surface_or_a_file_of_regions_and_a_wrong_one_is_named(
         (region("\"mud\"", square), "mud"),
         (region("0.5", "[[0, 0], [1, 1]]"), "friction[0].polygon"),
         (region("0.5", "[[0, 0], [1, 1], [nan, 2]]"), "friction[0].polygon"),
+        (region("0.5", "[[0, 0], [1, 1], [2, 2]]"), "corners lie on a line"),
+        (region("0.5", "[[-10, -10], [300, 10], [300, -10], [-10, 10]]"), "edges that do not cross"),
         (region("0.5", "[[0, 0], [1, 1], [2]]"), "polygon"),
         (format!("{}{}", region("0.5", square), region("-1", square)), "friction[1].factor"),
         (region("0.5", square).replace("factor", "faktor"), "faktor"),
@@ -269,6 +271,10 @@ fn friction_is_a_factor_a_surface_or_a_file_of_regions_and_a_wrong_one_is_named(
     assert_eq!(dry, hash(&["--friction", "1"]));
     assert_ne!(dry, hash(&["--friction", "ice"]), "ice does nothing");
     assert_ne!(dry, hash(&["--friction", &ice]), "a patch of ice does nothing");
+    assert_eq!(dry, hash(&["--config", &ice, "--friction", "dry"]), "dry is for all of the road");
+    let told: Value =
+        serde_json::from_slice(&place.run(&["drive", ROAD, "--json", "-", "--friction", &ice]).stdout).unwrap();
+    assert_eq!((&told["friction"]["scale"], &told["friction"]["patches"][0]["factor"]), (&1.0.into(), &0.15.into()));
 }
 
 #[test]

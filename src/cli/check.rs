@@ -33,10 +33,36 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, Failure> {
     let replays = [args.svg.as_ref(), args.save_config.as_ref()];
     let outputs: Vec<&Path> = outputs.into_iter().chain(replays).flatten().map(PathBuf::as_path).collect();
     check_files(&outputs, &inputs)?;
+    distinct(args, &suites)?;
     match &args.replay {
         Some(id) => replay(args, &suites, id),
         None => check(args, &suites, is_stdout),
     }
+}
+
+/// No suite twice, and no baseline written by two of them: each would throw out what the other one keeps.
+fn distinct(args: &CheckArgs, suites: &[Suite]) -> Result<(), Failure> {
+    for (i, suite) in suites.iter().enumerate() {
+        for other in &suites[..i] {
+            if same_file(&suite.file, &other.file) {
+                return Err(Failure::Use(format!("{}: named twice", suite.file.display())));
+            }
+            let baselines = suite.baseline_file().zip(other.baseline_file());
+            if let Some((file, _)) = baselines.filter(|(a, b)| args.bless && same_file(a, b)) {
+                let (a, b) = (other.file.display(), suite.file.display());
+                return Err(Failure::Use(format!(
+                    "--bless: {a} and {b} keep their figures in one file, {}",
+                    file.display()
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    real(a) == real(b)
 }
 
 fn check(args: &CheckArgs, suites: &[Suite], is_stdout: bool) -> Result<Exit, Failure> {

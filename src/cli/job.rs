@@ -168,7 +168,8 @@ impl Friction {
         }
     }
 
-    /// Goes before what the settings say: the factor before theirs, the regions after, and so on top of theirs.
+    /// Goes before what the settings say: a factor is for all of the road, without their patches; patches are instead of
+    /// theirs.
     fn apply(self, settings: &mut Settings) -> Result<(), Failure> {
         #[derive(serde::Deserialize)]
         #[serde(deny_unknown_fields)]
@@ -178,6 +179,7 @@ impl Friction {
         match self {
             Self::Everywhere(factor) => {
                 settings.simulation.friction_scale = factor;
+                settings.friction.clear();
                 settings.validate().map_err(|e| Failure::Use(format!("--friction: {e}")))
             }
             Self::Regions(file) => {
@@ -185,7 +187,7 @@ impl Friction {
                 for (index, region) in regions.iter().enumerate() {
                     region.validate(index).map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
                 }
-                settings.friction.extend(regions);
+                settings.friction = regions;
                 Ok(())
             }
         }

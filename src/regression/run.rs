@@ -223,6 +223,7 @@ fn status(failures: &[Failure], error: Option<&DriveError>, is_expected: bool) -
         (Some(_), _) => Status::Error,
         (None, []) => Status::Pass,
         (None, [Failure { kind: FailureKind::UnexpectedPass, .. }]) => Status::UnexpectedPass,
+        (None, failures) if failures.iter().any(|f| f.kind == FailureKind::UnknownName) => Status::Fail,
         (None, _) if is_expected => Status::ExpectedFail,
         (None, _) => Status::Fail,
     }

@@ -58,6 +58,12 @@ impl Suite {
         Ok(Self { name, file, cases, baseline_file })
     }
 
+    /// Where its figures are kept, if it keeps any.
+    #[must_use]
+    pub fn baseline_file(&self) -> Option<&Path> {
+        self.baseline_file.as_deref()
+    }
+
     /// Ids of its drives, in the order of the report.
     pub fn ids(&self) -> impl Iterator<Item = &str> {
         self.cases.iter().map(|c| c.id.as_str())

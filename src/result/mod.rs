@@ -7,7 +7,7 @@ pub(crate) mod json;
 
 use std::collections::BTreeMap;
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use crate::bench::quantile;
 use crate::drive::{Outcome, Run, Settings};
@@ -49,6 +49,10 @@ impl RunResult {
         let (held, planning) = (held(kind, run), planning(run, settings));
         let samples = driven(kind, run).samples;
         let mut json = json::result(kind, run, seed, (held, &metrics, &planning), &samples);
+        if settings.simulation.friction_scale.to_bits() != 1.0_f64.to_bits() || !settings.friction.is_empty() {
+            let road = json!({ "scale": settings.simulation.friction_scale, "patches": settings.friction });
+            json.insert("friction".into(), road);
+        }
         let hash = json::hash(&json.clone().into(), &samples);
         json.insert("hash".into(), hash.clone().into());
         Self { held, metrics, planning, hash, json }

@@ -19,6 +19,10 @@ use crate::geometry::Point;
 pub const SURFACES: [(&str, f64); 3] = [("dry", 1.0), ("wet", 0.6), ("ice", 0.15)];
 /// Largest factor: no road is stickier.
 const STICKIEST: f64 = 10.0;
+/// Most corners of a patch: edges are held against each other.
+const MOST_CORNERS: usize = 1000;
+/// Smallest area of a patch, m²: less than the contact of a tyre.
+const SMALLEST_AREA: f64 = 1e-4;
 /// Largest coordinate of a corner, m: more than any map projection has.
 const FURTHEST: f64 = 1e8;
 
@@ -84,10 +88,55 @@ impl FrictionRegion {
             return wrong("polygon", self.polygon.len() as f64, "at least 3 corners");
         }
         match self.polygon.iter().flatten().find(|v| v.is_nan() || v.abs() > FURTHEST) {
-            Some(value) => wrong("polygon", *value, "coordinates in metres, at most 100,000 km"),
-            None => Ok(()),
+            Some(value) => return wrong("polygon", *value, "coordinates in metres, at most 100,000 km"),
+            None if self.polygon.len() > MOST_CORNERS => {
+                #[allow(clippy::cast_precision_loss)] // a count of corners
+                return wrong("polygon", self.polygon.len() as f64, "at most 1000 corners");
+            }
+            None => {}
+        }
+        if let Some(edge) = self.crossing() {
+            #[allow(clippy::cast_precision_loss)] // at most 1000
+            return wrong("polygon", edge as f64, "edges that do not cross (this is the first that does, from 0)");
+        }
+        match self.area() {
+            area if area < SMALLEST_AREA => {
+                wrong("polygon", area, "an area of at least 1 cm² (do its corners lie on a line?)")
+            }
+            _ => Ok(()),
         }
     }
+
+    /// The corners against the first one, in which large coordinates lose nothing.
+    fn corner(&self, i: usize) -> [f64; 2] {
+        let ([x, y], [x0, y0]) = (self.polygon[i % self.polygon.len()], self.polygon[0]);
+        [x - x0, y - y0]
+    }
+
+    /// Area by the shoelace formula, m². Not of a polygon whose edges cross.
+    fn area(&self) -> f64 {
+        0.5 * (0..self.polygon.len()).map(|i| cross(self.corner(i), self.corner(i + 1))).sum::<f64>().abs()
+    }
+
+    /// The first edge that crosses a later one.
+    fn crossing(&self) -> Option<usize> {
+        let n = self.polygon.len();
+        let edge = |i: usize| (self.corner(i), self.corner(i + 1));
+        let cross_at = |i: usize, j: usize| {
+            let ((a, b), (c, d)) = (edge(i), edge(j));
+            let side = |p, from, to| cross(minus(to, from), minus(p, from));
+            side(c, a, b) * side(d, a, b) < 0.0 && side(a, c, d) * side(b, c, d) < 0.0
+        };
+        (0..n).find(|&i| (i + 1..n).any(|j| cross_at(i, j)))
+    }
+}
+
+fn minus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
+}
+
+fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
 }
 
 /// The patches in the frame of the physics world.

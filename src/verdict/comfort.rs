@@ -34,7 +34,8 @@ impl Felt {
         let (Some(first), Some(last)) = (log.samples.first(), log.samples.last()) else { return Self::default() };
         let steps = log.samples.len() - 1;
         let step = (last.time - first.time) / steps as f64;
-        if steps == 0 || !(step > 0.0 && step.is_finite()) {
+        let felt_for = last.time - first.time;
+        if steps == 0 || !(step > 0.0 && felt_for >= 1.0 / cutoff) {
             return Self::default();
         }
         let rate = 1.0 / step;
@@ -84,8 +85,8 @@ pub(crate) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
     jerk * (2.0 - ((speed.abs() - 5.0) / 15.0).clamp(0.0, 1.0))
 }
 
-/// The checks, `comfort_lateral_jerk` only where the preset has a limit for it. A run of fewer than two samples has felt
-/// nothing and passes; signals that are too slow to judge fail, each check with the time between two samples.
+/// The checks, `comfort_lateral_jerk` only where the preset has a limit for it. A run shorter than a period of the filter's
+/// frequency (half a second) has felt nothing that it could tell from the ends of the log, and passes; signals that are too slow to judge fail, each check with the time between two samples.
 pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<Check> {
     let felt = Felt::new(log, settings.comfort_cutoff);
     let limits = settings.comfort.limits(&vehicle.comfort, settings.comfort_margin);

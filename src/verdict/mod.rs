@@ -59,6 +59,23 @@ use crate::planner::Cycle;
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
+/// The names of all checks that there are, whatever a run is asked for.
+pub const CHECKS: [&str; 13] = [
+    "simulation",
+    "no_contact",
+    "stays_on_road",
+    "stops",
+    "stop_proven",
+    "fallback_stops",
+    "comfort_longitudinal",
+    "comfort_lateral",
+    "comfort_jerk",
+    "comfort_lateral_jerk",
+    "tracking",
+    "goal",
+    "stop_needed",
+];
+
 /// One named check.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Check {
