@@ -10,7 +10,7 @@ use stopline::fixtures::{self, lanelet};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::lattice::refine::{Commitment, RefinementSettings, refined};
-use stopline::lattice::{EdgeStore, Ground, LatticePath, Root, paths};
+use stopline::lattice::{EdgeStore, LatticeContext, LatticePath, Root, paths};
 use stopline::map::{
     Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem, RoadNetwork, Scenario, Shape, TimedPose,
 };
@@ -122,8 +122,8 @@ impl Stages {
         Self { world, reference: reference.unwrap(), scenario, vehicle, settings }
     }
 
-    fn ground(&self) -> Ground<'_> {
-        Ground {
+    fn context(&self) -> LatticeContext<'_> {
+        LatticeContext {
             reference: &self.reference,
             world: &self.world,
             max_curvature: self.vehicle.max_curvature(),
@@ -138,10 +138,10 @@ impl Stages {
     }
 
     fn paths(&self, store: &mut EdgeStore) -> Vec<LatticePath> {
-        paths(&self.ground(), &self.root(), SPEED, 100.0, &self.settings.lattice, store)
+        paths(&self.context(), &self.root(), SPEED, 100.0, &self.settings.lattice, store)
     }
 
-    /// The speed problem on the cheapest path, with plain caps.
+    /// The speed problem on the cheapest path, with plain speed_limits.
     fn speed_problem(&self) -> SpeedProblem {
         let best = self.paths(&mut EdgeStore::default()).remove(0);
         let sweeps: Vec<_> = best.sweeps.iter().map(AsRef::as_ref).collect();
@@ -149,10 +149,10 @@ impl Stages {
         assert!(!grid.is_free(), "the way is free: nothing to search");
         let intervals = |cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
         SpeedProblem {
-            caps: vec![15.0; grid.cells() + 1],
+            speed_limits: vec![15.0; grid.cells() + 1],
             blocked: (0..grid.cells()).map(intervals).collect(),
             blocked_at_start: intervals(0),
-            rest_allowed: vec![true; grid.cells() + 1],
+            stopping_allowed: vec![true; grid.cells() + 1],
             start_speed: SPEED,
             start_time: 0.0,
             horizon: 15.0,
@@ -185,12 +185,12 @@ fn lattice_steady(bencher: Bencher) {
     let stages = Stages::new();
     let mut store = EdgeStore::default();
     stages.paths(&mut store);
-    let (ground, mut root) = (stages.ground(), stages.root());
+    let (context, mut root) = (stages.context(), stages.root());
     bencher.bench_local(|| {
         // another root every time: the answer to the same question is kept
         root.start = root.start.advanced(1e-4);
         root.pose = root.start;
-        paths(&ground, &root, SPEED, 100.0, &stages.settings.lattice, &mut store)
+        paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut store)
     });
 }
 
@@ -198,14 +198,14 @@ fn lattice_steady(bencher: Bencher) {
 #[divan::bench]
 fn refinement(bencher: Bencher) {
     let stages = Stages::new();
-    let (ground, settings) = (stages.ground(), RefinementSettings::default());
+    let (context, settings) = (stages.context(), RefinementSettings::default());
     let beside = stages.root();
     let pose = Pose { position: beside.pose.position + beside.pose.left() * 2.0, ..beside.pose };
     let root = Root { pose, start: pose, ..beside };
-    let found = paths(&ground, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default());
+    let found = paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default());
     let (front, weights) = (stages.vehicle.front_overhang_from_rear_axle(), stages.settings.lattice.weights);
     let refine = |path: &LatticePath| {
-        refined(&ground, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings)
+        refined(&context, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings)
     };
     let long = found.into_iter().filter(|p| p.path.pieces().count() >= 3);
     let best = long.into_iter().find(|p| refine(p).is_some()).expect("nothing to gain in any chain of three edges");
@@ -249,7 +249,9 @@ fn smoothing_and_proof(bencher: Bencher) {
     let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven().expect("a plan");
     let searched = smoothing::unsmoothed(&problem, &found).unwrap();
     let settings = smoothing::Settings::default();
-    bencher.bench_local(|| smoothing::smooth_and_prove(black_box(&problem), &problem.caps, &searched, 0.0, &settings));
+    bencher.bench_local(|| {
+        smoothing::smooth_and_prove(black_box(&problem), &problem.speed_limits, &searched, 0.0, &settings)
+    });
 }
 
 /// Scenario and routes are there; collision worlds and reference lines are built before the clock starts.

@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     println!("{}: {}", scenario.id, run.outcome.name());
     for check in &run.verdict.checks {
-        let held = if check.pass { "held  " } else { "FAILED" };
+        let held = check.status;
         println!("  {held} {:<20} {:.3} of {:.3} {}", check.name, check.value, check.limit, check.unit);
     }
     let stop = run.cycles.iter().map(|c| c.committed.end_time()).next_back().unwrap_or_default();

@@ -217,7 +217,7 @@ pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
         expansions: 0,
         smoothing: Smoothing::Comfortable,
         is_refined: false,
-        is_proven_against_set: false,
+        is_robust: false,
         stage_seconds: StageSeconds::default(),
     }
 }

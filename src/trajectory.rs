@@ -51,7 +51,7 @@ impl Path {
     /// Curvature (1/m) and its derivative by arc length (1/m²) at a station, without the pose, which takes an integral;
     /// beyond the ends, clamped to them.
     #[must_use]
-    pub fn bend_at(&self, station: f64) -> (f64, f64) {
+    pub fn curvature_and_rate_at(&self, station: f64) -> (f64, f64) {
         let station = station.clamp(0.0, self.length);
         let i = self.pieces.partition_point(|p| p.station <= station).max(1) - 1;
         let (piece, spiral) = (&self.pieces[i], &self.pieces[i].spiral);
@@ -157,7 +157,7 @@ impl SpeedProfile {
 
     /// Whether it ends at rest.
     #[must_use]
-    pub fn ends_at_rest(&self) -> bool {
+    pub fn ends_at_standstill(&self) -> bool {
         self.last().speed == 0.0
     }
 }

@@ -167,7 +167,7 @@ fn everything_but_the_times_is_the_same_twice() {
     };
     let first = timeless(&["--problems", "60"]);
     assert_eq!(first, timeless(&["--problems", "60"]));
-    assert_eq!(first["format"], "stopline.bench.spirals/1");
+    assert_eq!(first["format"], "stopline.bench.spirals/2");
     assert_eq!((&first["seed"], &first["problems"], &first["verdict"]), (&7.into(), &60.into(), &"pass".into()));
     assert_eq!(first["hash"].as_str().unwrap().len(), 64);
     let other = timeless(&["--problems", "60", "--seed", "8"]);

@@ -86,8 +86,8 @@ fn exit_0_and_every_report_where_all_is_as_expected() {
     assert_eq!(place.names(), ["a.xml", "r.html", "r.json", "r.md", "r.xml", "suite.toml"], "and no temporary files");
     let report: Value = serde_json::from_str(&place.read("r.json")).unwrap();
     let drive = &report["suites"][0]["drives"][0];
-    assert_eq!((&report["format"], &drive["status"]), (&Value::from("stopline.check/1"), &Value::from("pass")));
-    assert_eq!(drive["result"]["format"], "stopline.drive/1");
+    assert_eq!((&report["format"], &drive["status"]), (&Value::from("stopline.check/2"), &Value::from("pass")));
+    assert_eq!(drive["result"]["format"], "stopline.drive/2");
     assert_eq!((drive["inputs"].as_str().unwrap().len(), drive["seed"].as_u64()), (64, Some(0)));
     assert!(report["configs"][drive["config"].as_str().unwrap()].as_str().unwrap().contains("longest = 1.0"));
     assert!(place.read("r.xml").contains("<testcase name=\"a.xml@bmw_320i\""));

@@ -351,7 +351,7 @@ fn exit_0_a_drive_that_holds_tells_it_in_every_output() {
     assert_eq!(place.names(), ["run.csv", "run.json", "run.svg", "run.xml"], "and no temporary files");
 
     let result: Value = serde_json::from_slice(&std::fs::read(place.path("run.json")).unwrap()).unwrap();
-    is_sound_result(&result, "stopline.drive/1");
+    is_sound_result(&result, "stopline.drive/2");
     assert_eq!((&result["verdict"], &result["seed"]), (&Value::from("pass"), &Value::from(5)));
     assert!(result["checks"].as_array().unwrap().iter().all(|c| c["pass"] == true));
     assert!(result["solution"]["max_deviation_m"].as_f64().unwrap() < 0.5);
@@ -375,11 +375,11 @@ fn json_on_stdout_is_one_object_and_nothing_else() {
     let output = place.run(&["plan", ROAD, "--json", "-"]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let result: Value = serde_json::from_slice(&output.stdout).unwrap();
-    is_sound_result(&result, "stopline.plan/1");
+    is_sound_result(&result, "stopline.plan/2");
     assert_eq!(result["outcome"], "planned");
     let plan = &result["plan"];
     assert!(plan["proof"]["deceleration_mps2"].as_f64().unwrap() > 0.0);
-    assert_eq!(plan["proof"]["ends_at_rest"], true);
+    assert_eq!(plan["proof"]["ends_at_standstill"], true);
     let states = plan["states"].as_array().unwrap();
     assert!(states.len() > 10);
     assert_eq!(states[states.len() - 1]["speed_mps"], 0.0);
@@ -399,8 +399,17 @@ fn are_sound_candidates(candidates: &Value) -> std::collections::BTreeMap<String
             assert!(candidate[key].is_f64(), "{key} of {candidate}");
         }
         let terms = candidate["terms"].as_object().unwrap();
-        let names =
-            ["offset", "bending", "clearance", "lane", "missing", "switching", "lane_change", "delay", "slowing"];
+        let names = [
+            "offset",
+            "curvature",
+            "clearance",
+            "lane_deviation",
+            "progress_shortfall",
+            "plan_change",
+            "lane_change",
+            "travel_time",
+            "curve_slowdown",
+        ];
         assert!(terms.len() == names.len() && names.iter().all(|n| terms[*n].as_f64().unwrap() >= 0.0), "{terms:?}");
         let sum: f64 = terms.values().map(|v| v.as_f64().unwrap()).sum();
         assert!((sum - candidate["cost"].as_f64().unwrap()).abs() < 1e-9, "the cost is the sum of its terms");
@@ -421,7 +430,7 @@ fn proofs_against_sets_of_motions_are_counted_only_where_they_are_asked_for() {
         let text = place.run(&["plan", slow_lead, "--config", &file]);
         (serde_json::from_slice(&output.stdout).unwrap(), String::from_utf8(text.stdout).unwrap())
     };
-    let counted = |mode: &str| planned(mode).0["planning"]["proven_against_set"].as_u64();
+    let counted = |mode: &str| planned(mode).0["planning"]["robust_cycles"].as_u64();
     assert_eq!((counted("off"), counted("preferred"), counted("required")), (None, Some(1), Some(1)));
     assert!(planned("preferred").1.contains("proven against all motions within the bounds: 1 of 1"));
     assert!(!planned("off").1.contains("all motions"));
@@ -441,7 +450,7 @@ fn a_plan_lists_its_candidates_with_terms_and_reasons() {
     }
     let chosen = result["candidates"].as_array().unwrap().iter().find(|c| c["rejected"].is_null()).unwrap();
     let cost = |c: &Value| c["cost"].as_f64().unwrap();
-    let passed = result["candidates"].as_array().unwrap().iter().filter(|c| c["rejected"] == "dearer");
+    let passed = result["candidates"].as_array().unwrap().iter().filter(|c| c["rejected"] == "higher_cost");
     assert!(passed.clone().count() > 0 && passed.clone().all(|c| cost(c) >= cost(chosen) - 1e-6));
 }
 
@@ -461,7 +470,7 @@ fn a_drive_tells_its_cycles_only_if_asked_and_its_hash_does_not_see_them() {
     for cycle in cycles {
         let states = are_sound_candidates(&cycle["candidates"]);
         let decision = cycle["decision"].as_str().unwrap();
-        assert!(["new_plan", "keep_last", "unproven"].contains(&decision), "{decision}");
+        assert!(["new_plan", "keep_previous", "unproven"].contains(&decision), "{decision}");
         assert_eq!(
             states.get("chosen").copied().unwrap_or(0),
             u64::from(decision == "new_plan"),
@@ -568,7 +577,7 @@ fn exit_1_is_a_check_that_failed() {
         let output = place.run(&[command, &name, "--json", "-"]);
         assert_eq!(output.status.code(), Some(1), "{command}: {}{}", stdout(&output), stderr(&output));
         let result: Value = serde_json::from_slice(&output.stdout).unwrap();
-        is_sound_result(&result, &format!("stopline.{command}/1"));
+        is_sound_result(&result, &format!("stopline.{command}/2"));
         assert_eq!(result["verdict"], "fail");
     }
 }

@@ -46,7 +46,7 @@ fn all_faults_at_once_touch_nothing() {
     }
 }
 
-/// On ice the run itself may end well, and its fallbacks would not have: nobody but the forks sees it.
+/// On ice the run itself may end well, and its fallbacks would not have: nobody but the branches sees it.
 #[test]
 fn ice_is_seen_by_the_fallbacks_where_the_run_itself_ends_well() {
     let scenario = bundled("pedestrian");
@@ -72,7 +72,7 @@ fn noise_comes_from_its_seed_alone() {
     assert_eq!(one, two, "without noise the seed changes nothing");
 }
 
-/// Forks go their own way: with them or without them the run is the same to the last bit, and so are they for any number
+/// FallbackBranches go their own way: with them or without them the run is the same to the last bit, and so are they for any number
 /// of threads.
 #[test]
 fn forks_change_nothing_in_the_run_and_do_not_depend_on_threads() {

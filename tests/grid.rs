@@ -44,7 +44,7 @@ fn a_wall_of_cells_across_the_road_is_stopped_at() {
     assert!((0.2..8.0).contains(&room), "stops {room} m before it");
     let last = run.log.samples.last().unwrap();
     assert!(last.speed.abs() < 0.01);
-    assert!(run.verdict.checks.iter().any(|c| c.name == "no_contact" && c.pass));
+    assert!(run.verdict.checks.iter().any(|c| c.name == "no_contact" && c.passed()));
 }
 
 #[test]
@@ -107,12 +107,12 @@ fn driving_through_occupied_cells_fails_the_verdict() {
         let checks = verdict::judge(scenario, &scenario.problems[0], &VEHICLE, &run.cycles, &run.log, &settings).checks;
         checks.into_iter().find(|c| c.name == "no_contact").unwrap()
     };
-    assert!(verdict(&empty).pass);
+    assert!(verdict(&empty).passed());
     let check = verdict(&scenario);
-    assert!(!check.pass && check.note.contains("occupied cells"), "{check:?}");
+    assert!(check.failed() && check.note.contains("occupied cells"), "{check:?}");
     // deeper than the car is long, it is across the wall: the least move out is forwards or back
     assert!(check.value > 0.5, "{check:?}");
-    assert!(verdict(&walled(1.5).0).pass, "the gap is wide enough");
+    assert!(verdict(&walled(1.5).0).passed(), "the gap is wide enough");
 }
 
 /// The command line reads a grid of ROS beside the scenario.

@@ -59,7 +59,7 @@ fn differences(name: &str, motion: &PlaneMotion, same: Same) -> Vec<String> {
     let moved_scenario = motion.scenario(&scenario);
     let (first, moved) = (driven(&scenario), driven(&moved_scenario));
     let told = |run: &Run| {
-        let checks = run.verdict.checks.iter().map(|c| (c.name, c.pass));
+        let checks = run.verdict.checks.iter().map(|c| (c.name, c.status));
         format!("{} {:?} {:?}", run.outcome.name(), run.reason, checks.collect::<Vec<_>>())
     };
     let mut found = Vec::new();
@@ -200,9 +200,9 @@ fn bits(run: &Run) -> (Outcome, Vec<u64>, String) {
             s.steering,
             s.commanded_acceleration,
             s.commanded_steering,
-            s.wanted_pose.position.x,
-            s.wanted_pose.position.y,
-            s.wanted_station,
+            s.reference_pose.position.x,
+            s.reference_pose.position.y,
+            s.reference_station,
         ]
     });
     let decisions = run.cycles.iter().map(|c| (c.decision, c.chosen, c.candidates.len(), c.expansions));

@@ -8,7 +8,7 @@ use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld}
 use stopline::fixtures;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
-use stopline::lattice::{EdgeStore, Found, Ground, LatticePath, Root, Settings, search};
+use stopline::lattice::{EdgeStore, Found, LatticeContext, LatticePath, Root, Settings, search};
 use stopline::map::{Lanelet, Motion, Neighbour, Obstacle};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 
@@ -45,9 +45,10 @@ fn found_as_if(
     let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0).unwrap();
     let (max_curvature, half_width) = (VEHICLE.max_curvature(), 0.5 * VEHICLE.width);
     let full_speed_curvature = planned_lateral() / (driven * driven);
-    let ground = Ground { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width };
+    let context =
+        LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width };
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
-    search(&ground, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default())
+    search(&context, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default())
 }
 
 /// Least distance between the vehicle driven along a path and a rectangle along x, m: points of the vehicle's outline
@@ -197,7 +198,7 @@ fn a_lorry_too_near_for_a_gentle_way_leaves_the_sharp_ones() {
         let free: Vec<f64> = offered.iter().filter(over).map(|(_, lateral, _)| *lateral).collect();
         assert!(!free.is_empty(), "no way over at {speed} m/s: {offered:?}");
         assert!(free.iter().all(|lateral| *lateral > planned_lateral()), "{free:?}: the lorry is not near enough");
-        assert!(found.paths[0].blocked_by.is_none() && found.paths[0].terms.slowing > 0.0, "{offered:?}");
+        assert!(found.paths[0].blocked_by.is_none() && found.paths[0].terms.curve_slowdown > 0.0, "{offered:?}");
     }
 }
 

@@ -280,7 +280,7 @@ fn refinement_bends_less_on(story: &str) {
     assert!(count > 10, "{story}: only {count} cycles are refined");
     for cycle in refined.cycles.iter().filter(|c| c.is_refined) {
         assert_ne!(cycle.decision, Decision::Unproven);
-        assert!(cycle.committed.profile.ends_at_rest());
+        assert!(cycle.committed.profile.ends_at_standstill());
         assert!(cycle.committed.profile.last().station <= cycle.committed.path.length());
     }
     assert!(refined.verdict.pass(), "{:#?}", failures(&refined));

@@ -52,7 +52,7 @@ fn drive(v: &Vehicle, obstacles: &[Obstacle], initial: &State, t: &Trajectory, u
 
 /// Offset from the wanted pose: ahead and to the left, m.
 fn error(s: &Sample) -> (f64, f64) {
-    let local = s.wanted_pose.to_local(s.pose.position);
+    let local = s.reference_pose.to_local(s.pose.position);
     (local.x, local.y)
 }
 

@@ -146,7 +146,7 @@ fn committed_plans_of_the_bundled_maps_stop_where_they_say() {
         for cycle in run.cycles.iter().step_by(5) {
             let sample = run.log.samples.iter().find(|s| s.time > cycle.time - 1e-6).unwrap();
             let plan = &cycle.committed;
-            if !plan.profile.ends_at_rest() || plan.end_time() <= cycle.time || sample.speed < 0.5 {
+            if !plan.profile.ends_at_standstill() || plan.end_time() <= cycle.time || sample.speed < 0.5 {
                 continue;
             }
             let Sample { time, pose, speed, acceleration, yaw_rate, steering, .. } = *sample;
@@ -205,7 +205,7 @@ fn paths_are_tracked_to_a_quarter_metre_at_the_vehicles_comfortable_lateral_acce
                 let mut world = World::new(&v, &[], &start(t.at(0.0).pose, speed), &Settings::default()).unwrap();
                 let mut log = Log::default();
                 world.follow(&t, duration, &mut log);
-                let local = |s: &Sample| s.wanted_pose.to_local(s.pose.position);
+                let local = |s: &Sample| s.reference_pose.to_local(s.pose.position);
                 let aside = log.samples.iter().map(|s| local(s).y.abs()).fold(0.0, f64::max);
                 let along = log.samples.iter().map(|s| local(s).x.abs()).fold(0.0, f64::max);
                 let lateral = log.samples.iter().map(|s| s.lateral_acceleration.abs()).fold(0.0, f64::max);

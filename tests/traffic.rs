@@ -159,10 +159,10 @@ fn followers_are_found_on_the_lanelets_that_lead_here() {
     assert_eq!(blocked(&rear(RearTraffic::Yielding)), 0);
 }
 
-fn sets(mode: UncertaintyMode, along: f64, across: f64, most_across: f64) -> Settings {
+fn sets(mode: UncertaintyMode, longitudinal: f64, lateral: f64, max_lateral_deviation: f64) -> Settings {
     let mut settings = Settings::default();
     let u = &mut settings.planner.uncertainty;
-    (u.mode, u.along, u.across, u.most_across) = (mode, along, across, most_across);
+    (u.mode, u.longitudinal, u.lateral, u.max_lateral_deviation) = (mode, longitudinal, lateral, max_lateral_deviation);
     settings
 }
 
@@ -181,15 +181,15 @@ fn rest(run: &Run) -> Point {
 fn a_gap_that_closes_if_the_crosser_hurries_is_not_taken_where_sets_are_asked_for() {
     let scenario = road(vec![crosser()]);
     let off = planned(&scenario, &Settings::default());
-    assert!(rest(&off).x > 38.0 && !off.cycles[0].is_proven_against_set);
+    assert!(rest(&off).x > 38.0 && !off.cycles[0].is_robust);
     for mode in [UncertaintyMode::Preferred, UncertaintyMode::Required] {
         let run = planned(&scenario, &sets(mode, 3.0, 0.2, 0.5));
         assert_eq!(run.outcome, Outcome::Planned);
-        assert!(run.cycles[0].is_proven_against_set);
+        assert!(run.cycles[0].is_robust);
         assert!(rest(&run).x < 33.0, "rests at {}", rest(&run));
         // one that is bound to its prediction closely enough is passed as before
         let run = planned(&scenario, &sets(mode, 0.1, 0.02, 0.5));
-        assert!(run.cycles[0].is_proven_against_set && rest(&run).x > 38.0, "rests at {}", rest(&run));
+        assert!(run.cycles[0].is_robust && rest(&run).x > 38.0, "rests at {}", rest(&run));
     }
 }
 
@@ -200,7 +200,7 @@ fn where_no_rest_is_out_of_reach_the_prediction_counts_or_nothing_does() {
     let off = planned(&scenario, &Settings::default());
     let preferred = planned(&scenario, &sets(UncertaintyMode::Preferred, 2.0, 2.0, f64::INFINITY));
     assert_eq!(preferred.outcome, Outcome::Planned);
-    assert!(!preferred.cycles[0].is_proven_against_set);
+    assert!(!preferred.cycles[0].is_robust);
     assert_eq!(preferred.cycles[0].committed, off.cycles[0].committed);
     let required = planned(&scenario, &sets(UncertaintyMode::Required, 2.0, 2.0, f64::INFINITY));
     assert_eq!(required.outcome, Outcome::NoSafePlan);
@@ -212,7 +212,7 @@ fn bounds_of_zero_and_an_empty_road_prove_what_they_prove_without() {
     for scenario in [road(vec![crosser()]), road(vec![])] {
         let off = planned(&scenario, &Settings::default());
         let run = planned(&scenario, &sets(UncertaintyMode::Preferred, 0.0, 0.0, 0.0));
-        assert!(run.cycles[0].is_proven_against_set);
+        assert!(run.cycles[0].is_robust);
         assert_eq!(told(&run.cycles[0]), told(&off.cycles[0]));
     }
 }
@@ -224,7 +224,7 @@ fn runs_against_sets_end_without_contact_and_say_how_often_they_were_proven() {
         let scenario = motion.scenario(&road(vec![car(60, &[(0.0, 60.0, -50.0), (20.0, 60.0, 50.0)])]));
         let settings = sets(UncertaintyMode::Preferred, 1.0, 0.2, 0.5);
         let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
-        let proven = run.cycles.iter().filter(|c| c.is_proven_against_set).count();
+        let proven = run.cycles.iter().filter(|c| c.is_robust).count();
         println!("{} of {} cycles proven against the set, {}", proven, run.cycles.len(), run.outcome.name());
         assert!(proven * 10 >= run.cycles.len() * 9);
         assert_eq!(run.outcome, Outcome::GoalReached);

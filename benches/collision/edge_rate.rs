@@ -17,7 +17,7 @@ use stopline::geometry::{Pose, wrap_angle};
 const EDGES: usize = 4000;
 const OBSTACLES: i64 = 100;
 /// Cost terms look this far for obstacles, m: the default of the lattice.
-const CLEARANCE_WANTED: f64 = 0.8;
+const DESIRED_CLEARANCE: f64 = 0.8;
 
 /// Numbers in [0, 1) from a seed: xorshift64* (Vigna 2016).
 struct Random(u64);
@@ -114,7 +114,7 @@ pub(crate) fn print() {
         let mut probe = world.probe(start, spiral);
         let hit = world.static_hit(&sweep);
         assert_eq!(probe.static_hit(&Allowance::NONE), hit);
-        assert_eq!(probe.clearance(CLEARANCE_WANTED), world.clearance(&sweep, CLEARANCE_WANTED));
+        assert_eq!(probe.clearance(DESIRED_CLEARANCE), world.clearance(&sweep, DESIRED_CLEARANCE));
         free += usize::from(hit.is_none());
     }
     let n = spirals.len();
@@ -137,11 +137,11 @@ pub(crate) fn print() {
     };
     let flat_cost = |start: &Pose, spiral: &CubicSpiral| {
         let sweep = world.sweep(start, spiral);
-        black_box((world.static_hit(&sweep), world.clearance(&sweep, CLEARANCE_WANTED)));
+        black_box((world.static_hit(&sweep), world.clearance(&sweep, DESIRED_CLEARANCE)));
     };
     let coarse_cost = |start: &Pose, spiral: &CubicSpiral| {
         let mut probe = world.probe(start, spiral);
-        black_box((probe.static_hit(&Allowance::NONE), probe.clearance(CLEARANCE_WANTED)));
+        black_box((probe.static_hit(&Allowance::NONE), probe.clearance(DESIRED_CLEARANCE)));
     };
     let line = |name: &str, flat: f64, coarse: f64| {
         println!("  {name:<25} {coarse:>10.0} edges/s   flat {flat:>8.0}   ratio {:.1}", coarse / flat);

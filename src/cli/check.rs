@@ -108,7 +108,7 @@ fn exit(summaries: &[Summary]) -> Exit {
         () if has(ErrorKind::Fault) => Exit::OwnFault,
         () if has(ErrorKind::Input) => Exit::BadFile,
         () if drives().any(|d| d.status.is_failure() || d.status == Status::Error) => Exit::CheckFailed,
-        () => Exit::Held,
+        () => Exit::Pass,
     }
 }
 
@@ -145,7 +145,7 @@ fn replay(args: &CheckArgs, suites: &[Suite], id: &str) -> Result<Exit, Failure>
     let (text, picture, hash, held) = replay
         .drive(|run, result| {
             let picture = args.svg.is_some().then(|| run_svg(run));
-            let (hash, held) = (result.hash.clone(), result.held);
+            let (hash, held) = (result.hash.clone(), result.pass);
             let summary = engine::Summary { result, solution: None, json: serde_json::Value::Null };
             (report::text(run, &summary), picture, hash, held)
         })
@@ -163,7 +163,7 @@ fn replay(args: &CheckArgs, suites: &[Suite], id: &str) -> Result<Exit, Failure>
     match replay.reported_hash() {
         Some(reported) if reported == hash => {
             say("replayed: the hash is that of the report");
-            Ok(Exit::Held)
+            Ok(Exit::Pass)
         }
         Some(reported) => {
             let why = if same_inputs {
@@ -174,7 +174,7 @@ fn replay(args: &CheckArgs, suites: &[Suite], id: &str) -> Result<Exit, Failure>
             say(&format!("replayed: the hash is {hash}, in the report {reported}, {why}"));
             Ok(Exit::CheckFailed)
         }
-        None => Ok(if held { Exit::Held } else { Exit::CheckFailed }),
+        None => Ok(if held { Exit::Pass } else { Exit::CheckFailed }),
     }
 }
 

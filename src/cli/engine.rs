@@ -27,7 +27,7 @@ pub(super) struct Solution {
     pub(super) max_deviation_m: f64,
 }
 
-/// Plans or drives, with a progress bar if somebody watches.
+/// MotionPlanner or drives, with a progress bar if somebody watches.
 pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = job.threads {

@@ -30,8 +30,8 @@ use crate::result::json;
 /// The exit codes, as published in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exit {
-    /// It ran, and every check held; or help was asked for.
-    Held = 0,
+    /// It ran, and every check passed; or help was asked for.
+    Pass = 0,
     /// It ran, and a check failed: unsafe, uncomfortable, no plan.
     CheckFailed = 1,
     /// Wrong use: unknown options, options that exclude each other.
@@ -84,7 +84,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Err(message) => {
             // Help goes to stdout, complaints to stderr; a closed pipe changes nothing.
             let _ = message.print();
-            return if message.use_stderr() { Exit::WrongUse } else { Exit::Held };
+            return if message.use_stderr() { Exit::WrongUse } else { Exit::Pass };
         }
     };
     let ran = match args.command {
@@ -112,7 +112,7 @@ fn report_on(job: &Job) -> Result<Exit, Failure> {
     } else if !job.quiet {
         print(&report::text(&run, &result))?;
     }
-    Ok(if result.result.held { Exit::Held } else { Exit::CheckFailed })
+    Ok(if result.result.pass { Exit::Pass } else { Exit::CheckFailed })
 }
 
 /// Calls `command` and turns a panic, whose message is on stderr already, into [`Exit::OwnFault`].
@@ -155,6 +155,6 @@ mod tests {
     fn every_failure_has_its_code() {
         let codes = [Failure::Use(String::new()), Failure::File(String::new()), Failure::Fault(String::new())];
         assert_eq!(codes.map(|f| f.exit() as u8), [2, 3, 4]);
-        assert_eq!([Exit::Held as u8, Exit::CheckFailed as u8], [0, 1]);
+        assert_eq!([Exit::Pass as u8, Exit::CheckFailed as u8], [0, 1]);
     }
 }

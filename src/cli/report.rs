@@ -35,7 +35,7 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
     if let Some(distance) = run.stopping_distance {
         let _ = write!(text, ", which takes {distance:.1} m");
     }
-    let _ = writeln!(text, ", {}", if result.result.held { "pass" } else { "FAIL" });
+    let _ = writeln!(text, ", {}", if result.result.pass { "PASS" } else { "FAIL" });
     let _ = writeln!(text, "vehicle {}, planning problem {}\n", run.vehicle.name, run.problem.id);
     if !run.verdict.checks.is_empty() {
         text += &table(&checks(run));
@@ -55,7 +55,7 @@ pub(super) fn text(run: &Run, result: &Summary) -> String {
          cycle time: {:.2} ms median, {:.2} ms p99, {:.2} ms max",
         p.cycles, p.proven_cycles, p.candidates, p.expansions, p.time_ms.median, p.time_ms.p99, p.time_ms.max
     );
-    if let Some(count) = p.proven_against_set {
+    if let Some(count) = p.robust_cycles {
         let _ = writeln!(text, "proven against all motions within the bounds: {count} of {} cycle(s)", p.cycles);
     }
     let counted = |counts: &mut dyn Iterator<Item = (&'static str, usize)>| {
@@ -76,7 +76,7 @@ fn checks(run: &Run) -> Vec<Vec<String>> {
     let row = |c: &Check| {
         vec![
             c.name.to_owned(),
-            if c.pass { "held" } else { "FAILED" }.to_owned(),
+            c.status.to_string(),
             number(c.value),
             number(c.limit),
             c.unit.to_owned(),

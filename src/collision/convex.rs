@@ -60,9 +60,9 @@ impl Convex {
     /// The Minkowski sum with a rectangle of deviations: the hull of every corner moved by those corners of the rectangle
     /// that are outermost between the normals of the two edges that meet there.
     pub(super) fn spread(&self, reach: &Reach) -> Option<Self> {
-        let Reach { forward, ahead, behind, across } = *reach;
+        let Reach { forward, ahead, behind, lateral } = *reach;
         let moved = |p: Local, out: Local| {
-            p + forward * (if out.x > 0.0 { ahead } else { -behind }) + forward.perp() * (out.y * across)
+            p + forward * (if out.x > 0.0 { ahead } else { -behind }) + forward.perp() * (out.y * lateral)
         };
         let n = self.points.len();
         // the outward normal of the edge from point i, in the rectangle's axes
@@ -264,8 +264,8 @@ fn vertex_edge_distance_squared(vertices: &[Local], polygon: &[Local]) -> f64 {
         let edge = to - from;
         let scale = 1.0 / edge.length_squared().max(f64::MIN_POSITIVE);
         for &p in vertices {
-            let along = ((p - from).dot(edge) * scale).clamp(0.0, 1.0);
-            best = best.min((p - from - edge * along).length_squared());
+            let longitudinal = ((p - from).dot(edge) * scale).clamp(0.0, 1.0);
+            best = best.min((p - from - edge * longitudinal).length_squared());
         }
         from = to;
     }
@@ -304,12 +304,12 @@ mod tests {
         fn spreading_is_the_minkowski_sum_with_the_rectangle(
             body in points(1..9), yaw in prop_oneof![Just(0.0), Just(1.0), -4.0..4.0f64],
             ahead in prop_oneof![Just(1e-17), Just(1e-12), 0.0..9.0f64], behind in prop_oneof![Just(1e-17), 0.0..3.0f64],
-            across in prop_oneof![Just(0.0), Just(1e-16), 0.0..2.0f64], radius in 0.0..1.0f64,
+            lateral in prop_oneof![Just(0.0), Just(1e-16), 0.0..2.0f64], radius in 0.0..1.0f64,
         ) {
             let forward = Local::new(f64::cos(yaw), f64::sin(yaw));
             let body = Convex::hull_of(body, radius).unwrap();
-            let ours = body.spread(&Reach { forward, ahead, behind, across }).unwrap();
-            let corners = [(ahead, across), (-behind, across), (-behind, -across), (ahead, -across)];
+            let ours = body.spread(&Reach { forward, ahead, behind, lateral }).unwrap();
+            let corners = [(ahead, lateral), (-behind, lateral), (-behind, -lateral), (ahead, -lateral)];
             let moved = |p: &Local| corners.map(|(x, y)| *p + forward * x + forward.perp() * y);
             let slow = Convex::hull_of(body.points.iter().flat_map(moved).collect(), radius).unwrap();
             for (a, b) in [(&ours, &slow), (&slow, &ours), (&ours, &ours)] {

@@ -6,10 +6,10 @@
 //! [`MotionBounds`], taken along and across the predicted heading:
 //!
 //! ```text
-//! δ″(s) ∈ R(ψ(s)) · [−along, along] × [−across, across],   δ(0) = δ′(0) = 0,   s counted from now
+//! δ″(s) ∈ R(ψ(s)) · [−longitudinal, along] × [−across, across],   δ(0) = δ′(0) = 0,   s counted from now
 //! ```
 //!
-//! Where they are asked for, two more bounds make the set smaller: a deviation of `most_across` at most, across the
+//! Where they are asked for, two more bounds make the set smaller: a deviation of `max_lateral_deviation` at most, across the
 //! heading of the moment (who keeps its lane), and velocities that never point backwards (who does not reverse:
 //! vehicles and bicycles, not pedestrians). They only take motions away; the prediction itself always stays.
 //!
@@ -17,7 +17,7 @@
 //! δ(τ) = ∫₀^τ (τ − s) δ″(s) ds, so that the set of all δ(τ) is convex and symmetric, with the support function
 //!
 //! ```text
-//! h(n) = ∫₀^τ (τ − s) ( along · |cos(ψ(s) − n)| + across · |sin(ψ(s) − n)| ) ds
+//! h(n) = ∫₀^τ (τ − s) ( longitudinal · |cos(ψ(s) − n)| + lateral · |sin(ψ(s) − n)| ) ds
 //! ```
 //!
 //! in the direction n: an integral of sets (Aumann) has the integral of their support functions. h grows with τ in every
@@ -31,7 +31,7 @@
 //!
 //! Not reversing means (p̂′ + δ′)·e(ψ) ≥ 0 at every moment, or the prediction's own velocity where that is backward: so
 //! δ′·e(ψ) ≥ −|p̂′|. Along the last heading, which no heading before differed from by more than θ ≤ π/2, this gives
-//! δ(τ) ≥ −L − sin θ · ∫|δ′|, with the predicted way L and |δ′(s)| ≤ s · √(along² + across²).
+//! δ(τ) ≥ −L − sin θ · ∫|δ′|, with the predicted way L and |δ′(s)| ≤ s · √(longitudinal² + lateral²).
 //!
 //! # Weakness
 //! The body keeps the predicted heading; that a vehicle drifting sideways has turned is not in the set. The rectangle is
@@ -46,11 +46,11 @@ use super::convert::Local;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionBounds {
     /// Acceleration along the predicted heading beyond the predicted one, either way, m/s².
-    pub along: f64,
+    pub longitudinal: f64,
     /// Acceleration across the predicted heading beyond the predicted one, either way, m/s².
-    pub across: f64,
+    pub lateral: f64,
     /// Largest deviation across the predicted heading, m; infinite if only the accelerations bound it.
-    pub most_across: f64,
+    pub max_lateral_deviation: f64,
     /// Whether vehicles and bicycles may move backwards.
     pub vehicles_reverse: bool,
 }
@@ -59,11 +59,11 @@ impl MotionBounds {
     /// Whether nothing but the prediction itself is within the bounds.
     #[must_use]
     pub fn hold_nothing_more(&self) -> bool {
-        self.along == 0.0 && self.across == 0.0
+        self.longitudinal == 0.0 && self.lateral == 0.0
     }
 }
 
-/// Headings that differ by less share a run, rad: the rectangle is wider by 5 % of `along` at most.
+/// Headings that differ by less share a run, rad: the rectangle is wider by 5 % of `longitudinal` at most.
 const BAND: f64 = 0.05;
 /// Runs kept at most; then neighbours are merged two by two.
 const MOST_RUNS: usize = 64;
@@ -89,7 +89,7 @@ pub(super) struct Reach {
     pub(super) ahead: f64,
     pub(super) behind: f64,
     /// To either side.
-    pub(super) across: f64,
+    pub(super) lateral: f64,
 }
 
 /// The set of deviations from a prediction, as time goes on.
@@ -146,12 +146,12 @@ impl<'b> Spread<'b> {
 
     /// Around the deviations at every moment of the leg that was advanced by last.
     pub(super) fn reach(&self, leg: &Leg) -> Reach {
-        let (along, across) = self.supports(leg.heading);
+        let (longitudinal, lateral) = self.supports(leg.heading);
         let (sin, cos) = leg.heading.sin_cos();
         // |δ| at most
-        let farthest = 0.5 * self.elapsed * self.elapsed * self.bounds.along.hypot(self.bounds.across);
+        let farthest = 0.5 * self.elapsed * self.elapsed * self.bounds.longitudinal.hypot(self.bounds.lateral);
         let turned_in_leg = (leg.headings.1 - leg.headings.0).min(FRAC_PI_2);
-        let kept_in_lane = self.bounds.most_across + farthest * turned_in_leg.sin();
+        let kept_in_lane = self.bounds.max_lateral_deviation + farthest * turned_in_leg.sin();
         let turned = self
             .runs
             .iter()
@@ -159,20 +159,23 @@ impl<'b> Spread<'b> {
         let without_reversing = if turned <= FRAC_PI_2 { self.way + farthest * turned.sin() } else { f64::INFINITY };
         Reach {
             forward: Local::new(cos, sin),
-            ahead: along,
-            behind: if self.may_reverse { along } else { along.min(without_reversing) },
-            across: across.min(kept_in_lane),
+            ahead: longitudinal,
+            behind: if self.may_reverse { longitudinal } else { longitudinal.min(without_reversing) },
+            lateral: lateral.min(kept_in_lane),
         }
     }
 
     /// h(n) and h(n + π/2), or a little more.
     fn supports(&self, n: f64) -> (f64, f64) {
-        let MotionBounds { along, across, .. } = *self.bounds;
+        let MotionBounds { longitudinal, lateral, .. } = *self.bounds;
         self.runs.iter().fold((0.0, 0.0), |sum, run| {
             let weight = (run.to - run.from) * (self.elapsed - 0.5 * (run.from + run.to));
             let (low, high) = (run.headings.0 - n, run.headings.1 - n);
             let (cos, sin) = (largest_cosine(low, high), largest_cosine(low - FRAC_PI_2, high - FRAC_PI_2));
-            (sum.0 + weight * (along * cos + across * sin), sum.1 + weight * (along * sin + across * cos))
+            (
+                sum.0 + weight * (longitudinal * cos + lateral * sin),
+                sum.1 + weight * (longitudinal * sin + lateral * cos),
+            )
         })
     }
 }
@@ -189,7 +192,7 @@ mod tests {
     use proptest::prelude::*;
 
     const FREE: MotionBounds =
-        MotionBounds { along: 2.0, across: 0.5, most_across: f64::INFINITY, vehicles_reverse: true };
+        MotionBounds { longitudinal: 2.0, lateral: 0.5, max_lateral_deviation: f64::INFINITY, vehicles_reverse: true };
 
     /// Legs of 0.1 s at a speed, with headings that follow a function of time.
     fn legs(heading: impl Fn(f64) -> f64, speed: f64, count: usize) -> Vec<Leg> {
@@ -215,7 +218,7 @@ mod tests {
         let term = |i: i32| {
             let s = (f64::from(i) + 0.5) * ds;
             let turned = heading(s) - n;
-            (tau - s) * (FREE.along * turned.cos().abs() + FREE.across * turned.sin().abs()) * ds
+            (tau - s) * (FREE.longitudinal * turned.cos().abs() + FREE.lateral * turned.sin().abs()) * ds
         };
         (0..steps).map(term).sum()
     }
@@ -225,12 +228,12 @@ mod tests {
         for yaw in [0.0, 0.3, FRAC_PI_2, 3.1, -2.0] {
             let legs = legs(|_| yaw, 10.0, 40);
             let reach = spread(&FREE, true, &legs).reach(&legs[39]);
-            assert!((reach.ahead - 16.0).abs() < 1e-9 && (reach.across - 4.0).abs() < 1e-9, "{reach:?}");
+            assert!((reach.ahead - 16.0).abs() < 1e-9 && (reach.lateral - 4.0).abs() < 1e-9, "{reach:?}");
             assert_eq!(reach.ahead, reach.behind);
             assert!((reach.forward - Local::new(yaw.cos(), yaw.sin())).length() < 1e-12);
         }
         let none = Spread::new(&FREE, true).reach(&legs(|_| 1.0, 10.0, 1)[0]);
-        assert_eq!((none.ahead, none.behind, none.across), (0.0, 0.0, 0.0));
+        assert_eq!((none.ahead, none.behind, none.lateral), (0.0, 0.0, 0.0));
     }
 
     #[test]
@@ -249,10 +252,10 @@ mod tests {
 
     #[test]
     fn lanes_are_kept_where_that_is_asked_for() {
-        let bounds = MotionBounds { most_across: 0.4, ..FREE };
+        let bounds = MotionBounds { max_lateral_deviation: 0.4, ..FREE };
         let ways = legs(|_| 0.4, 10.0, 40);
-        assert_eq!(spread(&bounds, true, &ways).reach(&ways[39]).across, 0.4);
-        assert!((spread(&bounds, true, &ways[..5]).reach(&ways[4]).across - 0.0625).abs() < 1e-9, "not yet that far");
+        assert_eq!(spread(&bounds, true, &ways).reach(&ways[39]).lateral, 0.4);
+        assert!((spread(&bounds, true, &ways[..5]).reach(&ways[4]).lateral - 0.0625).abs() < 1e-9, "not yet that far");
     }
 
     #[test]
@@ -277,11 +280,11 @@ mod tests {
             let legs = legs(heading, 8.0, count);
             let spread = spread(&FREE, true, &legs);
             let last = legs[count - 1];
-            let (along, across) = spread.supports(last.heading);
-            for (found, n) in [(along, last.heading), (across, last.heading + FRAC_PI_2)] {
+            let (longitudinal, lateral) = spread.supports(last.heading);
+            for (found, n) in [(longitudinal, last.heading), (lateral, last.heading + FRAC_PI_2)] {
                 let integral = support(heading, last.end, n);
                 // a leg of 0.1 s turns by up to 0.5 rad here
-                let excess = 0.5 * last.end * last.end * FREE.along * (BAND + 0.1 * (rate.abs() + 2.0 * bend.abs() * last.end));
+                let excess = 0.5 * last.end * last.end * FREE.longitudinal * (BAND + 0.1 * (rate.abs() + 2.0 * bend.abs() * last.end));
                 prop_assert!(found >= integral - 1e-6, "{found} {integral}");
                 prop_assert!(found <= integral + excess + 1e-6, "{found} {integral} {excess}");
             }
@@ -293,8 +296,8 @@ mod tests {
             let legs = legs(heading, 5.0, 150);
             let spread = spread(&FREE, true, &legs);
             prop_assert!(spread.runs.len() <= MOST_RUNS);
-            let (along, _) = spread.supports(0.0);
-            prop_assert!(along >= support(|t| noise[((t / 0.1) as usize).min(149)], 15.0, 0.0) - 1e-3);
+            let (longitudinal, _) = spread.supports(0.0);
+            prop_assert!(longitudinal >= support(|t| noise[((t / 0.1) as usize).min(149)], 15.0, 0.0) - 1e-3);
         }
     }
 }

@@ -118,7 +118,7 @@ impl Faults {
 
 /// The record of a cycle that the planner missed: the last plan goes on.
 pub(super) fn missed(last: &Cycle, time: f64) -> Cycle {
-    let decision = if last.decision == Decision::Unproven { Decision::Unproven } else { Decision::KeepLast };
+    let decision = if last.decision == Decision::Unproven { Decision::Unproven } else { Decision::KeepPrevious };
     Cycle {
         time,
         decision,

@@ -1,10 +1,10 @@
 //! The closed loop: plan, execute a tenth of a second in physics, plan again; then judge.
 //!
-//! Meanwhile worlds are forked (`forks`), in which the plan of a moment is driven to its end; and things may be made to go
+//! Meanwhile worlds are forked (`branches`), in which the plan of a moment is driven to its end; and things may be made to go
 //! wrong on purpose (`faults`). Who plans and who controls can be changed ([`Driver`]): the verdict has to notice.
 
+mod branches;
 mod faults;
-mod forks;
 mod settings;
 
 pub use faults::{Faults, YAW_PER_METRE};
@@ -12,10 +12,10 @@ pub use settings::{RunSettings, Settings, SettingsError};
 
 use std::sync::Arc;
 
-use self::forks::Forks;
+use self::branches::FallbackBranches;
 use crate::map::{Motion, PlanningProblem, Scenario};
 use crate::planner::{Cycle, NoLane, Planner, PlannerError, Rejection};
-use crate::simulation::{self, Controls, Log, SimulationError, TrackingController, World};
+use crate::simulation::{self, Controller, Log, SimulationError, TrackingController, World};
 use crate::vehicle::{State, Vehicle};
 use crate::verdict::{self, Expectation, Fallback, GoalWatch, Verdict};
 
@@ -93,7 +93,7 @@ pub enum DriveError {
 }
 
 /// Who plans: once a cycle, what to follow from now on. [`Planner`] does; tests put others there.
-pub trait Plans {
+pub trait MotionPlanner {
     /// One planning cycle for a vehicle that takes itself to be in `state`.
     fn cycle(&mut self, state: &State) -> Cycle;
 
@@ -103,7 +103,7 @@ pub trait Plans {
     }
 }
 
-impl Plans for Planner<'_> {
+impl MotionPlanner for Planner<'_> {
     fn cycle(&mut self, state: &State) -> Cycle {
         Planner::cycle(self, state)
     }
@@ -116,15 +116,15 @@ impl Plans for Planner<'_> {
 /// Who drives: plans, and follows them.
 pub struct Driver<'p> {
     /// Makes the plans.
-    pub plans: &'p mut dyn Plans,
+    pub planner: &'p mut dyn MotionPlanner,
     /// Follows them.
-    pub controls: Arc<dyn Controls>,
+    pub controller: Arc<dyn Controller>,
 }
 
 impl<'p> Driver<'p> {
     /// Follows plans with the rig's own controller.
-    pub fn following(plans: &'p mut dyn Plans) -> Self {
-        Self { plans, controls: Arc::new(TrackingController) }
+    pub fn following(planner: &'p mut dyn MotionPlanner) -> Self {
+        Self { planner, controller: Arc::new(TrackingController) }
     }
 }
 
@@ -173,13 +173,13 @@ pub fn drive_with<'a>(
     progress: &mut dyn FnMut(f64, f64),
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
-    let Driver { plans, controls } = driver;
+    let Driver { planner, controller } = driver;
     let watch = GoalWatch::new(scenario, problem);
     let begins = begin(scenario, problem);
     let ends = latest_end(&watch, begins, settings);
     let mut run = Run::unstarted(scenario, problem, vehicle);
     run.faults = settings.faults;
-    if let Some(reason) = plans.no_lane() {
+    if let Some(reason) = planner.no_lane() {
         run.reason = Some(reason.code());
         return Ok(run);
     }
@@ -188,8 +188,8 @@ pub fn drive_with<'a>(
         run.reason = Some("goal_time_is_past");
         return Ok(run);
     }
-    let mut world = rig(scenario, problem, vehicle, settings, begins)?.controlled_by(controls);
-    let mut forks = Forks::new(scenario, vehicle, &settings.verdict);
+    let mut world = rig(scenario, problem, vehicle, settings, begins)?.controlled_by(controller);
+    let mut branches = FallbackBranches::new(scenario, vehicle, &settings.verdict);
     let stops_at_goal = stops_at_goal(problem);
     let mut judged: usize = 0;
     loop {
@@ -197,9 +197,9 @@ pub fn drive_with<'a>(
         progress(state.time, ends);
         let cycle = match run.cycles.last().filter(|_| settings.faults.misses(run.cycles.len())) {
             Some(last) => faults::missed(last, state.time),
-            None => plans.cycle(&state),
+            None => planner.cycle(&state),
         };
-        forks.consider(&world, &cycle, run.cycles.len());
+        branches.consider(&world, &cycle, run.cycles.len());
         let until = (state.time + settings.run.replan_interval).min(ends);
         world.follow(&cycle.committed, until, &mut run.log);
         run.cycles.push(cycle);
@@ -209,7 +209,8 @@ pub fn drive_with<'a>(
         }
         // the last sample judged begins the part that ends with the first new one
         let from = judged.saturating_sub(1);
-        let stands = |speed: f64, time: f64| !stops_at_goal || speed.abs() < AT_REST || time > ends - AT_REST;
+        let stands =
+            |speed: f64, time: f64| !stops_at_goal || speed.abs() < STANDSTILL_SPEED || time > ends - STANDSTILL_SPEED;
         if let Some(sample) = watch.reached_in(vehicle, &run.log.samples[from..], stands) {
             run.log.samples.truncate(from + sample + 1);
             run.outcome = Outcome::GoalReached;
@@ -222,7 +223,7 @@ pub fn drive_with<'a>(
         }
     }
     run.explain();
-    run.judge(&settings.verdict, forks);
+    run.judge(&settings.verdict, branches);
     Ok(run)
 }
 
@@ -284,7 +285,7 @@ fn latest_end(watch: &GoalWatch, begins: f64, settings: &Settings) -> f64 {
 }
 
 /// Slower than this is at rest, m/s.
-const AT_REST: f64 = 0.05;
+const STANDSTILL_SPEED: f64 = 0.05;
 
 /// Whether every goal asks for a speed so low that it means to stop there.
 fn stops_at_goal(problem: &PlanningProblem) -> bool {
@@ -313,7 +314,7 @@ fn initial_state(problem: &PlanningProblem, vehicle: &Vehicle, time: f64) -> Sta
 
 /// Whether the run is over without goal or contact.
 fn ended(run: &Run<'_>, scenario: &Scenario, settings: &Settings, time: f64, ends: f64) -> Option<Outcome> {
-    let rests_since = run.log.samples.iter().rposition(|s| s.speed.abs() > AT_REST);
+    let rests_since = run.log.samples.iter().rposition(|s| s.speed.abs() > STANDSTILL_SPEED);
     let rest_began = match rests_since {
         Some(moving) => run.log.samples.get(moving + 1).map(|s| s.time),
         None => run.log.samples.first().map(|s| s.time),
@@ -324,14 +325,14 @@ fn ended(run: &Run<'_>, scenario: &Scenario, settings: &Settings, time: f64, end
     if time >= ends - 1e-9 {
         return Some(if rested > 0.0 { stopped } else { Outcome::TimedOut });
     }
-    (rested >= settings.run.rest && !moves_later(scenario, time)).then_some(stopped)
+    (rested >= settings.run.standstill_time && !moves_later(scenario, time)).then_some(stopped)
 }
 
 /// Whether any obstacle still moves after `time`, so that waiting may help.
 fn moves_later(scenario: &Scenario, time: f64) -> bool {
     scenario.obstacles.iter().any(|o| match &o.motion {
         Motion::Static(_) => false,
-        Motion::Trajectory(states) => states.iter().any(|s| s.time > time && s.speed.abs() > AT_REST),
+        Motion::Trajectory(states) => states.iter().any(|s| s.time > time && s.speed.abs() > STANDSTILL_SPEED),
         Motion::Occupancy(sets) => sets.iter().any(|s| s.to > time),
     })
 }
@@ -340,7 +341,7 @@ fn moves_later(scenario: &Scenario, time: f64) -> bool {
 fn cannot_stop(cycle: &Cycle) -> bool {
     let last_attempt = cycle.candidates.iter().map(|c| c.attempt).max();
     let mut last = cycle.candidates.iter().filter(|c| Some(c.attempt) == last_attempt).peekable();
-    last.peek().is_some() && last.all(|c| matches!(c.rejected, Some(Rejection::CannotStop | Rejection::NoRoom)))
+    last.peek().is_some() && last.all(|c| matches!(c.rejected, Some(Rejection::CannotStop | Rejection::BlockedAtStart)))
 }
 
 /// Way to rest of a trajectory, m.
@@ -393,11 +394,11 @@ impl<'a> Run<'a> {
     }
 
     /// Judges the run. A run that stopped safely is judged as a stop, every other one by its goal.
-    fn judge(&mut self, settings: &verdict::Settings, forks: Forks<'_>) {
+    fn judge(&mut self, settings: &verdict::Settings, branches: FallbackBranches<'_>) {
         let expect = if self.outcome == Outcome::StoppedSafely { Expectation::Stop } else { Expectation::Goal };
         let settings = verdict::Settings { expect, ..*settings };
         self.verdict = verdict::judge(self.scenario, self.problem, self.vehicle, &self.cycles, &self.log, &settings);
-        let (fallbacks, left_out) = forks.finish();
+        let (fallbacks, left_out) = branches.finish();
         self.verdict.add_fallbacks(verdict::fallback_stops(&fallbacks, left_out));
         self.fallbacks = fallbacks;
     }

@@ -32,12 +32,12 @@ pub struct RunSettings {
     /// Longest run, s, whatever the goal's time window says.
     pub longest: f64,
     /// Time at rest, with nothing moving any more, after which a run has ended, s.
-    pub rest: f64,
+    pub standstill_time: f64,
 }
 
 impl Default for RunSettings {
     fn default() -> Self {
-        Self { replan_interval: 0.1, longest: 120.0, rest: 2.0 }
+        Self { replan_interval: 0.1, longest: 120.0, standstill_time: 2.0 }
     }
 }
 
@@ -103,7 +103,7 @@ impl Settings {
         let positive = [
             ("run.replan_interval", self.run.replan_interval),
             ("run.longest", self.run.longest),
-            ("run.rest", self.run.rest),
+            ("run.standstill_time", self.run.standstill_time),
             ("planner.cruise_speed", p.cruise_speed),
             ("planner.shortest_horizon", p.shortest_horizon),
             ("planner.longest_horizon", p.longest_horizon),
@@ -131,8 +131,12 @@ impl Settings {
             }
         }
         // infinite is a bound here: none
-        if p.uncertainty.most_across.is_nan() || p.uncertainty.most_across < 0.0 {
-            return wrong("planner.uncertainty.most_across", p.uncertainty.most_across, "zero or more");
+        if p.uncertainty.max_lateral_deviation.is_nan() || p.uncertainty.max_lateral_deviation < 0.0 {
+            return wrong(
+                "planner.uncertainty.max_lateral_deviation",
+                p.uncertainty.max_lateral_deviation,
+                "zero or more",
+            );
         }
         let corridor = p.refinement.corridor;
         if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
@@ -142,8 +146,8 @@ impl Settings {
             ("planner.refinement.least_gain", p.refinement.least_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
-            ("planner.uncertainty.along", p.uncertainty.along),
-            ("planner.uncertainty.across", p.uncertainty.across),
+            ("planner.uncertainty.longitudinal", p.uncertainty.longitudinal),
+            ("planner.uncertainty.lateral", p.uncertainty.lateral),
             ("planner.lattice.offset_limit", l.offset_limit),
         ];
         for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
@@ -159,7 +163,7 @@ impl Settings {
         let (p, l) = (&self.planner, &self.planner.lattice);
         let mut bounded = vec![
             ("run.longest".to_owned(), self.run.longest, 86_400.0, "s"),
-            ("run.rest".to_owned(), self.run.rest, 3_600.0, "s"),
+            ("run.standstill_time".to_owned(), self.run.standstill_time, 3_600.0, "s"),
             ("planner.standoff".to_owned(), p.standoff, 100.0, "m"),
             ("planner.time_gap".to_owned(), p.time_gap, 60.0, "s"),
             ("planner.lattice.edge_time".to_owned(), l.edge_time, 60.0, "s"),
@@ -231,7 +235,9 @@ impl Settings {
             return wrong(field, value, "at most 1");
         }
         let u = &self.planner.uncertainty;
-        for (field, value) in [("planner.uncertainty.along", u.along), ("planner.uncertainty.across", u.across)] {
+        for (field, value) in
+            [("planner.uncertainty.longitudinal", u.longitudinal), ("planner.uncertainty.lateral", u.lateral)]
+        {
             if value > HARDEST_TRAFFIC {
                 return wrong(field, value, "at most 20 m/s²");
             }
@@ -357,15 +363,21 @@ mod tests {
             let settings: Settings = toml::from_str(&format!("[planner.uncertainty]\n{text}")).unwrap();
             settings.validate().map_err(|e| e.field)
         };
-        for ok in ["mode = \"required\"", "most_across = inf", "most_across = 0.0", "along = 20.0", "across = 0.0"] {
+        for ok in [
+            "mode = \"required\"",
+            "max_lateral_deviation = inf",
+            "max_lateral_deviation = 0.0",
+            "longitudinal = 20.0",
+            "lateral = 0.0",
+        ] {
             assert_eq!(read(ok), Ok(()), "{ok}");
         }
-        for key in ["along", "across", "most_across"] {
+        for key in ["longitudinal", "lateral", "max_lateral_deviation"] {
             for wrong in ["-0.1", "nan"] {
                 assert!(read(&format!("{key} = {wrong}")).unwrap_err().ends_with(key));
             }
         }
-        assert!(read("along = 20.1").is_err() && read("across = inf").is_err());
+        assert!(read("longitudinal = 20.1").is_err() && read("lateral = inf").is_err());
         assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"yielding\"").is_ok());
         assert!(toml::from_str::<Settings>("[planner]\nrear_traffic = \"polite\"").is_err());
         assert!(toml::from_str::<Settings>("[planner.uncertainty]\nmode = \"always\"").is_err());

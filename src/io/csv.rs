@@ -19,13 +19,13 @@ const COLUMNS: [Column; 19] = [
     ("steering_rad", |s| s.steering),
     ("commanded_acceleration_mps2", |s| s.commanded_acceleration),
     ("commanded_steering_rad", |s| s.commanded_steering),
-    ("wanted_x_m", |s| s.wanted_pose.position.x),
-    ("wanted_y_m", |s| s.wanted_pose.position.y),
-    ("wanted_yaw_rad", |s| s.wanted_pose.yaw),
-    ("wanted_speed_mps", |s| s.wanted_speed),
-    ("wanted_station_m", |s| s.wanted_station),
-    ("position_error_m", |s| (s.pose.position - s.wanted_pose.position).norm()),
-    ("speed_error_mps", |s| s.speed - s.wanted_speed),
+    ("reference_x_m", |s| s.reference_pose.position.x),
+    ("reference_y_m", |s| s.reference_pose.position.y),
+    ("reference_yaw_rad", |s| s.reference_pose.yaw),
+    ("reference_speed_mps", |s| s.reference_speed),
+    ("reference_station_m", |s| s.reference_station),
+    ("position_error_m", |s| (s.pose.position - s.reference_pose.position).norm()),
+    ("speed_error_mps", |s| s.speed - s.reference_speed),
 ];
 
 /// The log as CSV text. Numbers are written so that reading them gives the same `f64`; what is not finite is left empty.
@@ -62,9 +62,9 @@ mod tests {
             steering: 0.0,
             commanded_acceleration: 0.0,
             commanded_steering: 0.0,
-            wanted_pose: pose.advanced(2.0),
-            wanted_speed: 9.0,
-            wanted_station: 0.0,
+            reference_pose: pose.advanced(2.0),
+            reference_speed: 9.0,
+            reference_station: 0.0,
         };
         let text = log_to_csv(&Log { samples: vec![sample; 2], ..Log::default() });
         let mut reader = csv::Reader::from_reader(text.as_bytes());

@@ -7,24 +7,24 @@ pub struct Weights {
     /// Per metre of way and square metre of offset from the reference line.
     pub offset: f64,
     /// Per 1/m of bending energy ∫κ² ds.
-    pub bending: f64,
+    pub curvature: f64,
     /// Per metre lost where the path bends more than the present speed allows: more than 1, as slowing down and gaining
     /// speed again lose about as much again.
-    pub slowing: f64,
-    /// Per metre of way at zero clearance; falls with the square to nothing at `clearance_wanted`.
+    pub curve_slowdown: f64,
+    /// Per metre of way at zero clearance; falls with the square to nothing at `desired_clearance`.
     pub clearance: f64,
     /// Clearance that costs nothing, m.
-    pub clearance_wanted: f64,
+    pub desired_clearance: f64,
     /// Per metre of way and metre by which the footprint leaves its lane.
-    pub lane: f64,
+    pub lane_deviation: f64,
     /// Per metre missing to the horizon where the way is blocked.
-    pub missing: f64,
+    pub progress_shortfall: f64,
     /// Per metre of the largest lateral distance to the plan in force: the price of leaving it.
-    pub switching: f64,
+    pub plan_change: f64,
     /// Per lane change still needed to stay on the route.
     pub lane_change: f64,
-    /// Per metre that the speed layer falls behind free driving, beyond what `slowing` has counted.
-    pub delay: f64,
+    /// Per metre that the speed layer falls behind free driving, beyond what `curve_slowdown` has counted.
+    pub travel_time: f64,
 }
 
 impl Weights {
@@ -33,15 +33,15 @@ impl Weights {
     pub fn named(&self) -> [(&'static str, f64); 10] {
         [
             ("planner.lattice.weights.offset", self.offset),
-            ("planner.lattice.weights.bending", self.bending),
-            ("planner.lattice.weights.slowing", self.slowing),
+            ("planner.lattice.weights.curvature", self.curvature),
+            ("planner.lattice.weights.curve_slowdown", self.curve_slowdown),
             ("planner.lattice.weights.clearance", self.clearance),
-            ("planner.lattice.weights.clearance_wanted", self.clearance_wanted),
-            ("planner.lattice.weights.lane", self.lane),
-            ("planner.lattice.weights.missing", self.missing),
-            ("planner.lattice.weights.switching", self.switching),
+            ("planner.lattice.weights.desired_clearance", self.desired_clearance),
+            ("planner.lattice.weights.lane_deviation", self.lane_deviation),
+            ("planner.lattice.weights.progress_shortfall", self.progress_shortfall),
+            ("planner.lattice.weights.plan_change", self.plan_change),
             ("planner.lattice.weights.lane_change", self.lane_change),
-            ("planner.lattice.weights.delay", self.delay),
+            ("planner.lattice.weights.travel_time", self.travel_time),
         ]
     }
 }
@@ -50,15 +50,15 @@ impl Default for Weights {
     fn default() -> Self {
         Self {
             offset: 0.05,
-            bending: 40.0,
-            slowing: 2.0,
+            curvature: 40.0,
+            curve_slowdown: 2.0,
             clearance: 0.3,
-            clearance_wanted: 0.8,
-            lane: 0.15,
-            missing: 0.6,
-            switching: 1.5,
+            desired_clearance: 0.8,
+            lane_deviation: 0.15,
+            progress_shortfall: 0.6,
+            plan_change: 1.5,
             lane_change: 12.0,
-            delay: 1.0,
+            travel_time: 1.0,
         }
     }
 }
@@ -69,21 +69,21 @@ pub struct CostTerms {
     /// Distance from the reference line.
     pub offset: f64,
     /// Bending energy.
-    pub bending: f64,
+    pub curvature: f64,
     /// Bends, sharper than the reference line's, that the present speed can't be kept through.
-    pub slowing: f64,
+    pub curve_slowdown: f64,
     /// Closeness to static obstacles and the road's edge.
     pub clearance: f64,
     /// Leaving the lane.
-    pub lane: f64,
+    pub lane_deviation: f64,
     /// Way missing to the horizon.
-    pub missing: f64,
+    pub progress_shortfall: f64,
     /// Leaving the plan in force.
-    pub switching: f64,
+    pub plan_change: f64,
     /// Lane changes to go.
     pub lane_change: f64,
-    /// Falling behind free driving, beyond `slowing`.
-    pub delay: f64,
+    /// Falling behind free driving, beyond `curve_slowdown`.
+    pub travel_time: f64,
 }
 
 impl CostTerms {
@@ -92,14 +92,14 @@ impl CostTerms {
     pub fn named(&self) -> [(&'static str, f64); 9] {
         [
             ("offset", self.offset),
-            ("bending", self.bending),
-            ("slowing", self.slowing),
+            ("curvature", self.curvature),
+            ("curve_slowdown", self.curve_slowdown),
             ("clearance", self.clearance),
-            ("lane", self.lane),
-            ("missing", self.missing),
-            ("switching", self.switching),
+            ("lane_deviation", self.lane_deviation),
+            ("progress_shortfall", self.progress_shortfall),
+            ("plan_change", self.plan_change),
             ("lane_change", self.lane_change),
-            ("delay", self.delay),
+            ("travel_time", self.travel_time),
         ]
     }
 
@@ -107,14 +107,14 @@ impl CostTerms {
     #[must_use]
     pub fn total(&self) -> f64 {
         self.offset
-            + self.bending
-            + self.slowing
+            + self.curvature
+            + self.curve_slowdown
             + self.clearance
-            + self.lane
-            + self.missing
-            + self.switching
+            + self.lane_deviation
+            + self.progress_shortfall
+            + self.plan_change
             + self.lane_change
-            + self.delay
+            + self.travel_time
     }
 
     /// The sum in whole millionths, to compare: costs that differ by rounding only are equal, so that a turned or moved
@@ -129,14 +129,14 @@ impl CostTerms {
     pub fn plus(&self, other: &Self) -> Self {
         Self {
             offset: self.offset + other.offset,
-            bending: self.bending + other.bending,
-            slowing: self.slowing + other.slowing,
+            curvature: self.curvature + other.curvature,
+            curve_slowdown: self.curve_slowdown + other.curve_slowdown,
             clearance: self.clearance + other.clearance,
-            lane: self.lane + other.lane,
-            missing: self.missing + other.missing,
-            switching: self.switching + other.switching,
+            lane_deviation: self.lane_deviation + other.lane_deviation,
+            progress_shortfall: self.progress_shortfall + other.progress_shortfall,
+            plan_change: self.plan_change + other.plan_change,
             lane_change: self.lane_change + other.lane_change,
-            delay: self.delay + other.delay,
+            travel_time: self.travel_time + other.travel_time,
         }
     }
 }
@@ -177,14 +177,14 @@ mod tests {
         let mut terms = CostTerms::default();
         for (i, term) in [
             &mut terms.offset,
-            &mut terms.bending,
-            &mut terms.slowing,
+            &mut terms.curvature,
+            &mut terms.curve_slowdown,
             &mut terms.clearance,
-            &mut terms.lane,
-            &mut terms.missing,
-            &mut terms.switching,
+            &mut terms.lane_deviation,
+            &mut terms.progress_shortfall,
+            &mut terms.plan_change,
             &mut terms.lane_change,
-            &mut terms.delay,
+            &mut terms.travel_time,
         ]
         .into_iter()
         .enumerate()

@@ -4,8 +4,8 @@ use std::sync::{Arc, OnceLock};
 
 use super::cost::{CostTerms, Weights};
 use super::counts::NoEdge;
-use super::slowing::{Bends, SAMPLES};
-use super::{Ground, Node, Root, Settings};
+use super::curve_slowdown::{Bends, SAMPLES};
+use super::{LatticeContext, Node, Root, Settings};
 use crate::collision::{Allowance, Blocker, Clearance, StaticHit, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::spiral_opt::{Method, connect_bounded};
@@ -46,7 +46,7 @@ pub(super) struct Checked {
 
 /// What a root brings with it: the part of the committed path that is driven before, swept once for all edges.
 #[derive(Debug, Clone)]
-pub(super) struct Before {
+pub(super) struct KeptPrefix {
     pub(super) sweeps: Vec<Arc<Sweep>>,
     pub(super) length: f64,
     hit: Option<StaticHit>,
@@ -56,7 +56,7 @@ pub(super) struct Before {
     allowance: Allowance,
 }
 
-impl Before {
+impl KeptPrefix {
     /// For edges between nodes.
     pub(super) const NOTHING: Self = Self {
         sweeps: Vec::new(),
@@ -66,16 +66,16 @@ impl Before {
         allowance: Allowance::NONE,
     };
 
-    pub(super) fn root(ground: &Ground<'_>, root: &Root, weights: &Weights) -> Self {
+    pub(super) fn root(context: &LatticeContext<'_>, root: &Root, weights: &Weights) -> Self {
         let length = root.kept.iter().map(|s| s.length).sum();
         let path = crate::trajectory::Path::new(root.start, &root.kept);
-        let sweep = path.map(|path| ground.world.sweep_path(&path));
+        let sweep = path.map(|path| context.world.sweep_path(&path));
         Self {
             length,
             clearance: sweep
                 .as_ref()
-                .map_or(Self::NOTHING.clearance, |s| ground.world.clearance(s, weights.clearance_wanted)),
-            hit: sweep.as_ref().and_then(|s| ground.world.static_hit_from_start(s, &root.allowance)),
+                .map_or(Self::NOTHING.clearance, |s| context.world.clearance(s, weights.desired_clearance)),
+            hit: sweep.as_ref().and_then(|s| context.world.static_hit_from_start(s, &root.allowance)),
             sweeps: sweep.into_iter().map(Arc::new).collect(),
             allowance: Allowance {
                 no_margins_until: root.allowance.no_margins_until - length,
@@ -88,44 +88,44 @@ impl Before {
 impl Edge {
     /// The edge between two nodes, each with its station.
     pub(super) fn between(
-        ground: &Ground<'_>,
+        context: &LatticeContext<'_>,
         (s0, from): (f64, &Node),
         (s1, to, index): (f64, &Node, usize),
         settings: &Settings,
     ) -> Result<Self, NoEdge> {
-        let start = from.point(ground, s0).ok_or(NoEdge::NoSpiral)?;
-        let end = to.point(ground, s1).ok_or(NoEdge::NoSpiral)?;
-        let spiral = bounded(&start.pose, start.curvature, &end, ground.max_curvature)?;
-        Ok(Self::new(ground, (start.pose, s0), spiral, (to, index, s1), false, settings))
+        let start = from.point(context, s0).ok_or(NoEdge::NoSpiral)?;
+        let end = to.point(context, s1).ok_or(NoEdge::NoSpiral)?;
+        let spiral = bounded(&start.pose, start.curvature, &end, context.max_curvature)?;
+        Ok(Self::new(context, (start.pose, s0), spiral, (to, index, s1), false, settings))
     }
 
     /// The edge from the root, at about station `s0`, to a node. Where the curvature bound bites, it may end beside it.
     pub(super) fn from_root(
-        ground: &Ground<'_>,
+        context: &LatticeContext<'_>,
         (s0, root): (f64, &Root),
         (s1, to, index): (f64, &Node, usize),
         settings: &Settings,
     ) -> Result<Self, NoEdge> {
-        let end = to.point(ground, s1).ok_or(NoEdge::NoSpiral)?;
-        let exact = bounded(&root.pose, root.curvature, &end, ground.max_curvature);
+        let end = to.point(context, s1).ok_or(NoEdge::NoSpiral)?;
+        let exact = bounded(&root.pose, root.curvature, &end, context.max_curvature);
         let ends_chain = exact.is_err();
         let spiral = match exact {
             Ok(spiral) => spiral,
-            Err(reason) if to.offset.abs() <= SLIDES_WITHIN => slid(root, &end, ground.max_curvature).ok_or(reason)?,
+            Err(reason) if to.offset.abs() <= SLIDES_WITHIN => slid(root, &end, context.max_curvature).ok_or(reason)?,
             Err(reason) => return Err(reason),
         };
-        Ok(Self::new(ground, (root.pose, s0), spiral, (to, index, s1), ends_chain, settings))
+        Ok(Self::new(context, (root.pose, s0), spiral, (to, index, s1), ends_chain, settings))
     }
 
     fn new(
-        ground: &Ground<'_>,
+        context: &LatticeContext<'_>,
         (start, s0): (Pose, f64),
         spiral: CubicSpiral,
         (to, index, s1): (&Node, usize, f64),
         ends_chain: bool,
         settings: &Settings,
     ) -> Self {
-        let (least, bends) = least_terms(ground, &start, &spiral, (s0, s1), &settings.weights);
+        let (least, bends) = least_terms(context, &start, &spiral, (s0, s1), &settings.weights);
         Self {
             to: index,
             end_offset: to.offset,
@@ -140,8 +140,8 @@ impl Edge {
     }
 
     /// What it costs at the present speed beyond what it always costs.
-    pub(super) fn slowing(&self, ground: &Ground<'_>, weights: &Weights) -> f64 {
-        weights.slowing * self.bends.slowing(self.spiral.length, ground.full_speed_curvature)
+    pub(super) fn curve_slowdown(&self, context: &LatticeContext<'_>, weights: &Weights) -> f64 {
+        weights.curve_slowdown * self.bends.curve_slowdown(self.spiral.length, context.full_speed_curvature)
     }
 
     /// The collision check if it was made.
@@ -150,33 +150,33 @@ impl Edge {
     }
 
     /// The collision check, made now if it was not before. `before` must be that of the edge's start.
-    pub(super) fn check(&self, ground: &Ground<'_>, before: &Before, settings: &Settings) -> &Checked {
+    pub(super) fn check(&self, context: &LatticeContext<'_>, before: &KeptPrefix, settings: &Settings) -> &Checked {
         self.checked
-            .get_or_init(|| checked(ground, (&self.start, &self.spiral), &self.least, before, &settings.weights))
+            .get_or_init(|| checked(context, (&self.start, &self.spiral), &self.least, before, &settings.weights))
     }
 
     /// Its swept footprint: made for the chains that are handed out only.
-    pub(super) fn sweep(&self, ground: &Ground<'_>) -> &Arc<Sweep> {
-        self.sweep.get_or_init(|| Arc::new(ground.world.sweep(&self.start, &self.spiral)))
+    pub(super) fn sweep(&self, context: &LatticeContext<'_>) -> &Arc<Sweep> {
+        self.sweep.get_or_init(|| Arc::new(context.world.sweep(&self.start, &self.spiral)))
     }
 }
 
 /// The collision check of a spiral in its place. `least` are its terms so far; `before` is what is driven before it.
 pub(super) fn checked(
-    ground: &Ground<'_>,
+    context: &LatticeContext<'_>,
     (start, spiral): (&Pose, &CubicSpiral),
     least: &CostTerms,
-    before: &Before,
+    before: &KeptPrefix,
     w: &Weights,
 ) -> Checked {
-    let mut probe = ground.world.probe(start, spiral);
+    let mut probe = context.world.probe(start, spiral);
     let (hit, from) = match before.hit {
         Some(hit) => (Some(hit), before.length),
         None => (probe.static_hit(&before.allowance), 0.0),
     };
-    let clearance = probe.clearance(w.clearance_wanted);
+    let clearance = probe.clearance(w.desired_clearance);
     let near = closeness(&clearance).min(closeness(&before.clearance));
-    let share = (1.0 - near / w.clearance_wanted).max(0.0);
+    let share = (1.0 - near / w.desired_clearance).max(0.0);
     Checked {
         free_length: hit.map_or(spiral.length, |h| h.station - from),
         blocked_by: hit.map(|h| h.what),
@@ -192,23 +192,23 @@ pub(super) fn closeness(clearance: &Clearance) -> f64 {
 /// The terms of a spiral that need neither a collision check nor the present speed, and how much it bends. `stations` are
 /// about where it begins and ends on the reference line, m.
 pub(super) fn least_terms(
-    ground: &Ground<'_>,
+    context: &LatticeContext<'_>,
     start: &Pose,
     spiral: &CubicSpiral,
     (begins, ends): (f64, f64),
     w: &Weights,
 ) -> (CostTerms, Bends) {
-    let mut terms = CostTerms { bending: w.bending * spiral.bending_energy(), ..CostTerms::default() };
+    let mut terms = CostTerms { curvature: w.curvature * spiral.bending_energy(), ..CostTerms::default() };
     let mut curvatures = [(0.0, 0.0); COST_SAMPLES];
     let way = spiral.length / COST_SAMPLES as f64;
     for ((along, point), curvature) in spiral.samples(start, COST_SAMPLES).skip(1).zip(&mut curvatures) {
         let about = begins + (ends - begins) * along / spiral.length;
-        let Frenet { s, l } = ground.reference.project_near(point.pose.position, about);
+        let Frenet { s, l } = context.reference.project_near(point.pose.position, about);
         terms.offset += w.offset * way * l.abs().min(OFFSET_SATURATES).powi(2);
-        let (left, right) = ground.reference.lane_bounds(s);
-        let over = (l + ground.half_width - left).max(ground.half_width - l - right).max(0.0);
-        terms.lane += w.lane * way * over;
-        *curvature = (point.curvature, ground.reference.at(s).curvature);
+        let (left, right) = context.reference.lane_bounds(s);
+        let over = (l + context.half_width - left).max(context.half_width - l - right).max(0.0);
+        terms.lane_deviation += w.lane_deviation * way * over;
+        *curvature = (point.curvature, context.reference.at(s).curvature);
     }
     (terms, Bends::new(curvatures))
 }

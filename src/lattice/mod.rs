@@ -19,11 +19,11 @@
 
 mod cost;
 mod counts;
+mod curve_slowdown;
 mod edges;
 mod layers;
 pub mod refine;
 mod search;
-mod slowing;
 mod store;
 
 pub use cost::{CostTerms, Weights, rank};
@@ -129,7 +129,7 @@ pub struct LatticePath {
 
 /// What the lattice is built on.
 #[derive(Clone, Copy)]
-pub struct Ground<'a> {
+pub struct LatticeContext<'a> {
     /// The reference line.
     pub reference: &'a ReferenceLine,
     /// What is in the way.
@@ -155,21 +155,21 @@ pub struct Found {
 /// The paths of [`search`].
 #[must_use]
 pub fn paths(
-    ground: &Ground<'_>,
+    context: &LatticeContext<'_>,
     root: &Root,
     speed: f64,
     horizon: f64,
     settings: &Settings,
     store: &mut EdgeStore,
 ) -> Vec<LatticePath> {
-    search(ground, root, speed, horizon, settings, store).paths
+    search(context, root, speed, horizon, settings, store).paths
 }
 
 /// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most,
 /// with what became of the edges looked at.
 #[must_use]
 pub fn search(
-    ground: &Ground<'_>,
+    context: &LatticeContext<'_>,
     root: &Root,
     speed: f64,
     horizon: f64,
@@ -177,14 +177,14 @@ pub fn search(
     store: &mut EdgeStore,
 ) -> Found {
     let question =
-        store::Question { root: root.clone(), speed, full_speed_curvature: ground.full_speed_curvature, horizon };
+        store::Question { root: root.clone(), speed, full_speed_curvature: context.full_speed_curvature, horizon };
     if let Some(answer) = store.answers.get(&question) {
         return answer;
     }
-    store.forget_before(ground.reference.project(root.start.position).s - FORGOTTEN_BEHIND, settings);
-    let here = ground.reference.project(root.pose.position).s;
-    let stations = layers::ahead(ground.reference, here, speed, horizon, settings);
-    let answer = search::Search::new(ground, root, &stations, horizon, settings, store).run();
+    store.forget_before(context.reference.project(root.start.position).s - FORGOTTEN_BEHIND, settings);
+    let here = context.reference.project(root.pose.position).s;
+    let stations = layers::ahead(context.reference, here, speed, horizon, settings);
+    let answer = search::Search::new(context, root, &stations, horizon, settings, store).run();
     store.answers.keep(question, &answer);
     answer
 }
@@ -203,8 +203,8 @@ struct Node {
 
 impl Node {
     /// Pose and curvature at a station, m; `None` beyond the reference line's centre of curvature.
-    fn point(&self, ground: &Ground<'_>, station: f64) -> Option<PathPoint> {
-        let mut point = ground.reference.offset_pose(station, self.offset)?;
+    fn point(&self, context: &LatticeContext<'_>, station: f64) -> Option<PathPoint> {
+        let mut point = context.reference.offset_pose(station, self.offset)?;
         point.pose.yaw += self.heading;
         Some(point)
     }

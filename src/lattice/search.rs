@@ -16,9 +16,9 @@ use rayon::prelude::*;
 
 use super::cost::{CostTerms, rank};
 use super::counts::{EdgeCounts, NoEdge};
-use super::edges::{Before, Edge};
+use super::edges::{Edge, KeptPrefix};
 use super::store::{EdgeStore, NodeEdges};
-use super::{Found, Ground, LatticePath, Node, Root, Settings};
+use super::{Found, LatticeContext, LatticePath, Node, Root, Settings};
 use crate::trajectory::Path;
 
 /// How many candidates may share their first node, so that the speed layer sees different ways to start.
@@ -30,15 +30,15 @@ struct Incoming {
     /// Index of the node it starts at; `None` from the root.
     from: Option<usize>,
     /// What it costs at the present speed beyond what it always costs.
-    slowing: f64,
+    curve_slowdown: f64,
     /// Whether this search has asked for its collision check.
     is_revealed: bool,
 }
 
 impl Incoming {
-    fn new(edge: Arc<Edge>, from: Option<usize>, ground: &Ground<'_>, settings: &Settings) -> Self {
-        let slowing = edge.slowing(ground, &settings.weights);
-        Self { edge, from, slowing, is_revealed: false }
+    fn new(edge: Arc<Edge>, from: Option<usize>, context: &LatticeContext<'_>, settings: &Settings) -> Self {
+        let curve_slowdown = edge.curve_slowdown(context, &settings.weights);
+        Self { edge, from, curve_slowdown, is_revealed: false }
     }
 
     /// Its cost as far as this search knows it, how far it may be driven, m, and whether another edge can follow.
@@ -47,9 +47,9 @@ impl Incoming {
         match self.edge.checked().filter(|_| self.is_revealed) {
             Some(checked) => {
                 let goes_on = goes_on && checked.blocked_by.is_none();
-                (checked.terms.total() + self.slowing, checked.free_length, goes_on)
+                (checked.terms.total() + self.curve_slowdown, checked.free_length, goes_on)
             }
-            None => (self.edge.least.total() + self.slowing, self.edge.spiral.length, goes_on),
+            None => (self.edge.least.total() + self.curve_slowdown, self.edge.spiral.length, goes_on),
         }
     }
 }
@@ -74,17 +74,17 @@ struct End {
     rank: i64,
     label: usize,
     /// Whether it is an end whatever the check of its edge says; if not, only when that finds it blocked.
-    is_sure: bool,
+    is_final: bool,
 }
 
 /// A search under way.
 pub(super) struct Search<'a> {
-    ground: &'a Ground<'a>,
+    context: &'a LatticeContext<'a>,
     root: &'a Root,
     settings: &'a Settings,
     horizon: f64,
     nodes: Vec<Node>,
-    before: Before,
+    before: KeptPrefix,
     /// The edges into each layer.
     layers: Vec<Vec<Incoming>>,
     counts: EdgeCounts,
@@ -93,16 +93,16 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     /// Lays all edges between the layers and from the root, unchecked. `stations`: see [`super::layers::ahead`].
     pub(super) fn new(
-        ground: &'a Ground<'a>,
+        context: &'a LatticeContext<'a>,
         root: &'a Root,
         stations: &[i64],
         horizon: f64,
         settings: &'a Settings,
         store: &mut EdgeStore,
     ) -> Self {
-        let (nodes, before) = (super::nodes(settings), Before::root(ground, root, &settings.weights));
+        let (nodes, before) = (super::nodes(settings), KeptPrefix::root(context, root, &settings.weights));
         let mut search =
-            Self { ground, root, settings, horizon, nodes, before, layers: Vec::new(), counts: EdgeCounts::default() };
+            Self { context, root, settings, horizon, nodes, before, layers: Vec::new(), counts: EdgeCounts::default() };
         for (i, station) in stations.iter().enumerate() {
             let mut incoming = Vec::new();
             if i > 0 {
@@ -113,7 +113,7 @@ impl<'a> Search<'a> {
                 let found = search.root_edges(*station, store);
                 search.counts.solved += found.edges.len();
                 search.counts.add(&found.refused);
-                incoming.extend(found.edges.into_iter().map(|edge| Incoming::new(edge, None, ground, settings)));
+                incoming.extend(found.edges.into_iter().map(|edge| Incoming::new(edge, None, context, settings)));
             }
             search.layers.push(incoming);
         }
@@ -127,13 +127,13 @@ impl<'a> Search<'a> {
             is_reached[step.edge.to] = true;
         }
         let starts: Vec<usize> = (0..is_reached.len()).filter(|i| is_reached[*i]).collect();
-        let (edges, solved) = store.between(self.ground, pair, &starts, &self.nodes, self.settings);
+        let (edges, solved) = store.between(self.context, pair, &starts, &self.nodes, self.settings);
         self.counts.solved += solved;
         for from in starts {
             let Some(node) = &edges[from] else { continue };
             self.counts.add(&node.refused);
             incoming.extend(
-                node.edges.iter().map(|edge| Incoming::new(Arc::clone(edge), Some(from), self.ground, self.settings)),
+                node.edges.iter().map(|edge| Incoming::new(Arc::clone(edge), Some(from), self.context, self.settings)),
             );
         }
     }
@@ -142,15 +142,15 @@ impl<'a> Search<'a> {
         // who starts off the road, or inside a margin, may pass over nodes that are off it
         let all = vec![true; self.nodes.len()];
         let is_on_road = self.root.allowance == crate::collision::Allowance::NONE;
-        let ends = if is_on_road { store.on_road(self.ground, station, &self.nodes, self.settings) } else { &all };
-        let begins = self.ground.reference.project(self.root.pose.position).s;
+        let ends = if is_on_road { store.on_road(self.context, station, &self.nodes, self.settings) } else { &all };
+        let begins = self.context.reference.project(self.root.pose.position).s;
         let station = station as f64 * self.settings.grid;
         let tried: Vec<Result<Edge, NoEdge>> = (0..self.nodes.len())
             .into_par_iter()
             .map(|j| {
                 if ends[j] {
                     let to = (station, &self.nodes[j], j);
-                    Edge::from_root(self.ground, (begins, self.root), to, self.settings)
+                    Edge::from_root(self.context, (begins, self.root), to, self.settings)
                 } else {
                     Err(NoEdge::OffRoad)
                 }
@@ -165,10 +165,10 @@ impl<'a> Search<'a> {
     pub(super) fn run(mut self) -> Found {
         loop {
             let (labels, ends) = self.cheapest();
-            let (chosen, doubtful) = self.chosen(&labels, ends);
+            let (chosen, provisional) = self.chosen(&labels, ends);
             let mut asked: Vec<(usize, usize)> = chosen
                 .iter()
-                .chain(&doubtful)
+                .chain(&provisional)
                 .flat_map(|end| chain(&labels, *end))
                 .filter(|(layer, index)| !self.layers[*layer][*index].is_revealed)
                 .collect();
@@ -178,7 +178,7 @@ impl<'a> Search<'a> {
                 let paths = chosen.iter().filter_map(|end| self.path(&labels, *end)).collect();
                 return Found { paths, counts: self.counted() };
             }
-            self.reveal(&asked);
+            self.evaluate(&asked);
         }
     }
 
@@ -187,19 +187,19 @@ impl<'a> Search<'a> {
     pub(super) fn run_eagerly(mut self) -> Found {
         let lengths = self.layers.iter().map(Vec::len).enumerate();
         let all: Vec<_> = lengths.flat_map(|(layer, n)| (0..n).map(move |index| (layer, index))).collect();
-        self.reveal(&all);
+        self.evaluate(&all);
         self.run()
     }
 
     /// Checks edges for collision, those that were not checked before.
-    fn reveal(&mut self, asked: &[(usize, usize)]) {
-        let (ground, settings) = (self.ground, self.settings);
+    fn evaluate(&mut self, asked: &[(usize, usize)]) {
+        let (context, settings) = (self.context, self.settings);
         let steps: Vec<&Incoming> = asked.iter().map(|(layer, index)| &self.layers[*layer][*index]).collect();
         let new: Vec<&&Incoming> = steps.iter().filter(|step| step.edge.checked().is_none()).collect();
         self.counts.swept += new.len();
         new.par_iter().for_each(|step| {
-            let before = if step.from.is_none() { &self.before } else { &Before::NOTHING };
-            step.edge.check(ground, before, settings);
+            let before = if step.from.is_none() { &self.before } else { &KeptPrefix::NOTHING };
+            step.edge.check(context, before, settings);
         });
         for (layer, index) in asked {
             self.layers[*layer][*index].is_revealed = true;
@@ -246,13 +246,13 @@ impl<'a> Search<'a> {
         }
         ends.extend(reached.into_iter().flatten().map(|label| (label, true)));
         let rank = |label: usize| rank(labels[label].cost + self.missing(&labels[label]));
-        let ends = ends.into_iter().map(|(label, is_sure)| End { rank: rank(label), label, is_sure }).collect();
+        let ends = ends.into_iter().map(|(label, is_final)| End { rank: rank(label), label, is_final }).collect();
         (labels, ends)
     }
 
     /// What a chain pays for what it misses of the horizon.
     fn missing(&self, label: &Label) -> f64 {
-        self.settings.weights.missing * (self.horizon - self.before.length - label.free_length).max(0.0)
+        self.settings.weights.progress_shortfall * (self.horizon - self.before.length - label.free_length).max(0.0)
     }
 
     /// The cheapest chain to each end node and through each first node, cheapest first; and those that would come among
@@ -263,23 +263,23 @@ impl<'a> Search<'a> {
             let Label { edge: (layer, index), first, .. } = labels[end];
             (first, self.layers[layer][index].edge.to)
         };
-        let (mut chosen, mut doubtful): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
-        for End { label: end, is_sure, .. } in ends {
+        let (mut chosen, mut provisional): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
+        for End { label: end, is_final, .. } in ends {
             let is_seen = chosen.iter().any(|c| key(*c) == key(end));
             let similar = chosen.iter().filter(|c| key(**c).0 == key(end).0).count();
             if is_seen || similar >= MOST_PER_FIRST_NODE {
                 continue;
             }
-            if is_sure {
+            if is_final {
                 chosen.push(end);
             } else {
-                doubtful.push(end);
+                provisional.push(end);
             }
             if chosen.len() == self.settings.candidates {
                 break;
             }
         }
-        (chosen, doubtful)
+        (chosen, provisional)
     }
 
     fn path(&self, labels: &[Label], end: usize) -> Option<LatticePath> {
@@ -295,15 +295,15 @@ impl<'a> Search<'a> {
                 .before
                 .sweeps
                 .iter()
-                .chain(edges.iter().map(|e| e.sweep(self.ground)))
+                .chain(edges.iter().map(|e| e.sweep(self.context)))
                 .map(Arc::clone)
                 .collect(),
             kept: self.root.kept.len(),
             free_length: self.before.length + labels[end].free_length,
             blocked_by: last.blocked_by,
             terms: CostTerms {
-                missing: self.missing(&labels[end]),
-                slowing: steps.iter().map(|step| step.slowing).sum(),
+                progress_shortfall: self.missing(&labels[end]),
+                curve_slowdown: steps.iter().map(|step| step.curve_slowdown).sum(),
                 ..terms
             },
             end_offset: edges.last()?.end_offset,

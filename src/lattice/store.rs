@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::Edge;
-use super::{Found, Ground, Node, Root, Settings};
+use super::{Found, LatticeContext, Node, Root, Settings};
 use crate::collision::{Allowance, Blocker};
 use crate::geometry::spiral::CubicSpiral;
 
@@ -54,7 +54,7 @@ impl EdgeStore {
     /// none is.
     pub(super) fn on_road(
         &mut self,
-        ground: &Ground<'_>,
+        context: &LatticeContext<'_>,
         station: i64,
         nodes: &[Node],
         settings: &Settings,
@@ -62,8 +62,8 @@ impl EdgeStore {
         self.on_road.entry(station).or_insert_with(|| {
             let s = station as f64 * settings.grid;
             let is_on_road = |node: &Node| {
-                node.point(ground, s).is_some_and(|point| {
-                    let mut here = ground.world.probe(&point.pose, &CubicSpiral::straight(NODE_LENGTH));
+                node.point(context, s).is_some_and(|point| {
+                    let mut here = context.world.probe(&point.pose, &CubicSpiral::straight(NODE_LENGTH));
                     here.static_hit(&Allowance::NONE).is_none_or(|hit| hit.what != Blocker::RoadBoundary)
                 })
             };
@@ -76,13 +76,13 @@ impl EdgeStore {
     /// had to be solved for them.
     pub(super) fn between(
         &mut self,
-        ground: &Ground<'_>,
+        context: &LatticeContext<'_>,
         (from, to): LayerPair,
         starts: &[usize],
         nodes: &[Node],
         settings: &Settings,
     ) -> (&[Option<NodeEdges>], usize) {
-        let ends = self.on_road(ground, to, nodes, settings).to_vec();
+        let ends = self.on_road(context, to, nodes, settings).to_vec();
         let layer = self.layers.entry((from, to)).or_insert_with(|| vec![None; nodes.len()]);
         let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
         let pairs: Vec<(usize, usize)> = starts
@@ -95,7 +95,7 @@ impl EdgeStore {
             .par_iter()
             .map(|&(i, j)| {
                 if ends[j] {
-                    Edge::between(ground, (s0, &nodes[i]), (s1, &nodes[j], j), settings)
+                    Edge::between(context, (s0, &nodes[i]), (s1, &nodes[j], j), settings)
                 } else {
                     Err(NoEdge::OffRoad)
                 }

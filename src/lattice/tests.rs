@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::edges::{Before, Edge};
+use super::edges::{Edge, KeptPrefix};
 use super::*;
 use crate::collision::CollisionSettings;
 use crate::fixtures::{self, lanelet, network, two_lane_road};
@@ -52,7 +52,7 @@ fn standing(id: i64, pose: Pose, length: f64, width: f64) -> Obstacle {
 }
 
 /// 100 m of two lanes, the reference line in the middle of the right one (y = 0).
-fn with_ground(obstacles: Vec<Obstacle>, test: impl FnOnce(&Ground<'_>)) {
+fn with_context(obstacles: Vec<Obstacle>, test: impl FnOnce(&LatticeContext<'_>)) {
     let scenario = fixtures::scenario(two_lane_road(2), obstacles);
     let vehicle = crate::vehicle::load("bmw_320i").unwrap();
     let reference =
@@ -61,11 +61,11 @@ fn with_ground(obstacles: Vec<Obstacle>, test: impl FnOnce(&Ground<'_>)) {
     let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
     // 9.5 m/s at the car's comfort
     let full_speed_curvature = 3.0 / 90.0;
-    test(&Ground { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width });
+    test(&LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width });
 }
 
-fn root(ground: &Ground<'_>, station: f64, offset: f64) -> Root {
-    let pose = ground.reference.offset_pose(station, offset).unwrap().pose;
+fn root(context: &LatticeContext<'_>, station: f64, offset: f64) -> Root {
+    let pose = context.reference.offset_pose(station, offset).unwrap().pose;
     Root { pose, curvature: 0.0, kept: vec![], start: pose, allowance: Allowance::NONE }
 }
 
@@ -88,18 +88,18 @@ fn assert_complete(counts: &EdgeCounts) {
 
 #[test]
 fn what_a_store_was_asked_before_does_not_change_its_answers() {
-    with_ground(vec![car(7, 30.0, 0.0)], |ground| {
+    with_context(vec![car(7, 30.0, 0.0)], |context| {
         let settings = Settings::default();
         let mut used = EdgeStore::default();
         // from the side, other nodes are reached first
         for (station, offset) in [(5.0, 1.0), (5.5, -0.5), (5.0, 1.0), (6.0, 0.3), (5.0, 0.0)] {
-            let root = root(ground, station, offset);
-            let asked = search(ground, &root, 5.0, 40.0, &settings, &mut used);
-            let fresh = search(ground, &root, 5.0, 40.0, &settings, &mut EdgeStore::default());
+            let root = root(context, station, offset);
+            let asked = search(context, &root, 5.0, 40.0, &settings, &mut used);
+            let fresh = search(context, &root, 5.0, 40.0, &settings, &mut EdgeStore::default());
             assert!(!fresh.paths.is_empty());
             assert_eq!(summary(&asked.paths), summary(&fresh.paths));
             assert_eq!(reasons(&asked.counts), reasons(&fresh.counts));
-            let again = search(ground, &root, 5.0, 40.0, &settings, &mut used);
+            let again = search(context, &root, 5.0, 40.0, &settings, &mut used);
             assert_eq!(summary(&again.paths), summary(&fresh.paths));
             assert_eq!((again.counts.solved, again.counts.swept), (0, 0), "the same question is answered twice");
         }
@@ -108,21 +108,21 @@ fn what_a_store_was_asked_before_does_not_change_its_answers() {
 
 #[test]
 fn the_parked_car_is_passed_or_stopped_at_and_no_path_ends_off_the_road() {
-    with_ground(vec![car(7, 30.0, 0.0)], |ground| {
-        let root = root(ground, 5.0, 0.0);
-        let found = paths(ground, &root, 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
+    with_context(vec![car(7, 30.0, 0.0)], |context| {
+        let root = root(context, 5.0, 0.0);
+        let found = paths(context, &root, 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
         assert!(found.iter().any(|p| p.blocked_by.is_none()), "nothing passes");
         assert!(found.windows(2).all(|w| w[0].terms.rank() <= w[1].terms.rank()));
         for path in found.iter().filter(|p| p.blocked_by.is_none()) {
             let end = path.path.at(path.path.length()).pose;
-            assert_eq!(ground.world.start_overlap(&end, 0.0), None);
+            assert_eq!(context.world.start_overlap(&end, 0.0), None);
         }
     });
 }
 
 /// The cheapest free chain to each end node, by trying all chains, every edge checked.
 struct AllChains<'a> {
-    ground: &'a Ground<'a>,
+    context: &'a LatticeContext<'a>,
     root: &'a Root,
     stations: Vec<f64>,
     nodes: Vec<Node>,
@@ -133,7 +133,7 @@ struct AllChains<'a> {
 
 impl AllChains<'_> {
     fn extend(&mut self, layer: usize, from: Option<usize>, cost: f64) {
-        let (ground, settings) = (self.ground, self.settings);
+        let (context, settings) = (self.context, self.settings);
         let targets = match from {
             Some(_) => layer..(layer + 1).min(self.stations.len()),
             None => 0..settings.root_layers.min(self.stations.len()),
@@ -143,10 +143,10 @@ impl AllChains<'_> {
             let to = (self.stations[to_layer], &self.nodes[j], j);
             let (edge, before) = match from {
                 None => {
-                    let begins = ground.reference.project(self.root.pose.position).s;
+                    let begins = context.reference.project(self.root.pose.position).s;
                     (
-                        Edge::from_root(ground, (begins, self.root), to, settings),
-                        Before::root(ground, self.root, &settings.weights),
+                        Edge::from_root(context, (begins, self.root), to, settings),
+                        KeptPrefix::root(context, self.root, &settings.weights),
                     )
                 }
                 Some(i) => {
@@ -156,16 +156,16 @@ impl AllChains<'_> {
                         continue;
                     }
                     let from = (self.stations[to_layer - 1], &self.nodes[i]);
-                    (Edge::between(ground, from, to, settings), Before::NOTHING)
+                    (Edge::between(context, from, to, settings), KeptPrefix::NOTHING)
                 }
             };
             let Ok(edge) = edge else { continue };
-            let checked = edge.check(ground, &before, settings);
+            let checked = edge.check(context, &before, settings);
             self.tried += 1;
             if checked.blocked_by.is_some() || edge.ends_chain {
                 continue;
             }
-            let cost = cost + checked.terms.total() + edge.slowing(ground, &settings.weights);
+            let cost = cost + checked.terms.total() + edge.curve_slowdown(context, &settings.weights);
             if to_layer + 1 == self.stations.len() {
                 let best = self.best.entry(j).or_insert(f64::INFINITY);
                 *best = best.min(cost);
@@ -191,12 +191,12 @@ proptest! {
             offset_spacing: 1.0, offset_limit: if headings.len() > 1 { 1.0 } else { 2.0 }, headings, ..Settings::default()
         };
         let mut failure = None;
-        with_ground(obstacles, |ground| {
-            let root = root(ground, 4.0, offset);
-            let stations = layers::ahead(ground.reference, 4.0, 9.5, 60.0, &settings);
-            let found = search(ground, &root, 9.5, 60.0, &settings, &mut EdgeStore::default());
+        with_context(obstacles, |context| {
+            let root = root(context, 4.0, offset);
+            let stations = layers::ahead(context.reference, 4.0, 9.5, 60.0, &settings);
+            let found = search(context, &root, 9.5, 60.0, &settings, &mut EdgeStore::default());
             assert_complete(&found.counts);
-            let eager = search::Search::new(ground, &root, &stations, 60.0, &settings, &mut EdgeStore::default());
+            let eager = search::Search::new(context, &root, &stations, 60.0, &settings, &mut EdgeStore::default());
             let eager = eager.run_eagerly();
             assert_eq!(eager.counts.unchecked, 0);
             assert_eq!(summary(&found.paths), summary(&eager.paths), "blocked chains included");
@@ -204,9 +204,9 @@ proptest! {
             let stations: Vec<f64> = stations.iter().map(|i| *i as f64 * settings.grid).collect();
             assert!((2..=4).contains(&stations.len()), "{stations:?}");
             let best = BTreeMap::new();
-            let mut all = AllChains { ground, root: &root, stations, nodes, settings: &settings, best, tried: 0 };
+            let mut all = AllChains { context, root: &root, stations, nodes, settings: &settings, best, tried: 0 };
             all.extend(0, None, 0.0);
-            let missing = |p: &LatticePath| settings.weights.missing * (60.0 - p.free_length).max(0.0);
+            let missing = |p: &LatticePath| settings.weights.progress_shortfall * (60.0 - p.free_length).max(0.0);
             let free: Vec<&LatticePath> = found.paths.iter().filter(|p| p.blocked_by.is_none()).collect();
             let ends: Vec<f64> = free.iter().map(|p| p.terms.total() - missing(p)).collect();
             let cheapest = all.best.values().copied().fold(f64::INFINITY, f64::min);
@@ -220,7 +220,7 @@ proptest! {
                 }
             }
             // lengths differ a little between end nodes, and with them what is missing to the horizon
-            if let Some(first) = ends.first() && *first > cheapest + settings.weights.missing * 1.0 {
+            if let Some(first) = ends.first() && *first > cheapest + settings.weights.progress_shortfall * 1.0 {
                 failure = Some(format!("first is {first}, the cheapest {cheapest}"));
             }
         });
@@ -230,12 +230,12 @@ proptest! {
 
 #[test]
 fn thread_counts_give_equal_bits() {
-    with_ground(vec![car(7, 30.0, 0.0), car(8, 60.0, 3.0)], |ground| {
+    with_context(vec![car(7, 30.0, 0.0), car(8, 60.0, 3.0)], |context| {
         let found = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let root = root(ground, 5.0, 0.2);
+            let root = root(context, 5.0, 0.2);
             let found =
-                pool.install(|| search(ground, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default()));
+                pool.install(|| search(context, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default()));
             let numbers: Vec<u64> = found
                 .paths
                 .iter()
@@ -258,9 +258,9 @@ fn thread_counts_give_equal_bits() {
 
 #[test]
 fn edges_that_paths_share_are_made_once() {
-    with_ground(vec![car(7, 40.0, 0.0)], |ground| {
+    with_context(vec![car(7, 40.0, 0.0)], |context| {
         let (settings, mut store) = (Settings::default(), EdgeStore::default());
-        let found = search(ground, &root(ground, 5.0, 0.0), 8.0, 70.0, &settings, &mut store);
+        let found = search(context, &root(context, 5.0, 0.0), 8.0, 70.0, &settings, &mut store);
         let mut distinct: Vec<*const Sweep> = found.paths.iter().flat_map(|p| &p.sweeps).map(Arc::as_ptr).collect();
         let used = distinct.len();
         distinct.sort_unstable();
@@ -283,15 +283,15 @@ fn edges_that_paths_share_are_made_once() {
         assert_eq!(counts.swept, counts.free + counts.obstacle + counts.road_edge, "an edge was checked twice");
         assert!(counts.unchecked > 80, "not lazy: {counts:?}");
         // from a little farther on, only the edges from the root are new
-        let next = search(ground, &root(ground, 5.3, 0.0), 8.0, 70.0, &settings, &mut store);
+        let next = search(context, &root(context, 5.3, 0.0), 8.0, 70.0, &settings, &mut store);
         assert!(next.counts.solved <= settings.root_layers * nodes(&settings).len(), "{:?}", next.counts);
         assert!(next.counts.swept < counts.swept, "{:?} after {counts:?}", next.counts);
     });
 }
 
 /// A root 6 m behind the end of a kept arc.
-fn kept_root(ground: &Ground<'_>) -> Root {
-    let start = ground.reference.offset_pose(5.0, 0.0).unwrap().pose;
+fn kept_root(context: &LatticeContext<'_>) -> Root {
+    let start = context.reference.offset_pose(5.0, 0.0).unwrap().pose;
     let kept = CubicSpiral { knots: [0.01; 4], length: 6.0 };
     let end = kept.point_at(&start, kept.length);
     Root { pose: end.pose, curvature: end.curvature, kept: vec![kept], start, allowance: Allowance::NONE }
@@ -299,9 +299,9 @@ fn kept_root(ground: &Ground<'_>) -> Root {
 
 #[test]
 fn the_kept_part_is_swept_once_and_all_paths_begin_with_it() {
-    with_ground(vec![car(7, 40.0, 0.0)], |ground| {
+    with_context(vec![car(7, 40.0, 0.0)], |context| {
         let found =
-            search(ground, &kept_root(ground), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
+            search(context, &kept_root(context), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
         assert!(found.len() > 3);
         for path in &found {
             assert!(Arc::ptr_eq(&path.sweeps[0], &found[0].sweeps[0]));
@@ -318,9 +318,9 @@ fn the_kept_part_is_swept_once_and_all_paths_begin_with_it() {
 #[test]
 fn what_blocks_the_kept_part_blocks_every_path_there() {
     // front bumper at 5 + 3.7 m: 2 m of the kept part are free
-    with_ground(vec![standing(3, Pose::new(11.3, 0.0, 0.0), 0.5, 3.0)], |ground| {
+    with_context(vec![standing(3, Pose::new(11.3, 0.0, 0.0), 0.5, 3.0)], |context| {
         let found =
-            search(ground, &kept_root(ground), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
+            search(context, &kept_root(context), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
         assert!(!found.is_empty());
         for path in found {
             assert_eq!(path.blocked_by, Some(Blocker::Obstacle(3)));
@@ -331,13 +331,13 @@ fn what_blocks_the_kept_part_blocks_every_path_there() {
 
 #[test]
 fn a_lattice_without_an_edge_tells_its_reasons() {
-    with_ground(vec![], |ground| {
+    with_context(vec![], |context| {
         // beside the line, turned off it, and hardly able to steer: nothing ends in a node
-        let ground = Ground { max_curvature: 1e-4, ..*ground };
-        let mut root = root(&ground, 5.0, 0.3);
+        let context = LatticeContext { max_curvature: 1e-4, ..*context };
+        let mut root = root(&context, 5.0, 0.3);
         root.pose.yaw += 0.1;
         root.start = root.pose;
-        let found = search(&ground, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
+        let found = search(&context, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
         let counts = &found.counts;
         assert_complete(counts);
         assert!(found.paths.is_empty());
@@ -346,8 +346,8 @@ fn a_lattice_without_an_edge_tells_its_reasons() {
         // a root that looks back winds round
         root.pose.yaw += 2.0;
         root.start = root.pose;
-        let ground = Ground { max_curvature: 1.0, ..ground };
-        let found = search(&ground, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
+        let context = LatticeContext { max_curvature: 1.0, ..context };
+        let found = search(&context, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
         assert!(found.counts.winds + found.counts.no_spiral > 10, "{:?}", found.counts);
         assert_complete(&found.counts);
     });
@@ -355,9 +355,9 @@ fn a_lattice_without_an_edge_tells_its_reasons() {
 
 #[test]
 fn a_wall_is_named_as_the_reason_that_nothing_passes() {
-    with_ground(vec![standing(5, Pose::new(50.0, 1.75, 0.0), 1.0, 12.0)], |ground| {
-        let root = root(ground, 5.0, 0.0);
-        let found = search(ground, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
+    with_context(vec![standing(5, Pose::new(50.0, 1.75, 0.0), 1.0, 12.0)], |context| {
+        let root = root(context, 5.0, 0.0);
+        let found = search(context, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
         assert_complete(&found.counts);
         // some swerve off the road before they come to the wall
         assert!(found.paths.iter().all(|p| p.blocked_by.is_some()));
@@ -369,10 +369,10 @@ fn a_wall_is_named_as_the_reason_that_nothing_passes() {
 
 #[test]
 fn no_road_ahead_gives_no_paths_and_no_counts() {
-    with_ground(vec![], |ground| {
-        let end = ground.reference.length();
+    with_context(vec![], |context| {
+        let end = context.reference.length();
         let found =
-            search(ground, &root(ground, end - 0.5, 0.0), 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
+            search(context, &root(context, end - 0.5, 0.0), 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
         assert!(found.paths.is_empty());
         assert_eq!(found.counts, EdgeCounts::default());
     });
@@ -380,10 +380,10 @@ fn no_road_ahead_gives_no_paths_and_no_counts() {
 
 #[test]
 fn more_headings_never_make_the_best_path_dearer() {
-    with_ground(vec![car(7, 32.0, 0.3), car(8, 52.0, 3.4)], |ground| {
+    with_context(vec![car(7, 32.0, 0.3), car(8, 52.0, 3.4)], |context| {
         let best = |headings: Vec<f64>| {
             let settings = Settings { headings, ..Settings::default() };
-            paths(ground, &root(ground, 5.0, 0.0), 8.0, 70.0, &settings, &mut EdgeStore::default())[0].terms.total()
+            paths(context, &root(context, 5.0, 0.0), 8.0, 70.0, &settings, &mut EdgeStore::default())[0].terms.total()
         };
         let (one, three) = (best(vec![0.0]), best(vec![-0.1, 0.0, 0.1]));
         assert!(three <= one + 1e-9, "{three} instead of {one}");

@@ -6,9 +6,9 @@ use super::settings::Settings;
 use crate::collision::{Blocker, Predictions};
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
-use crate::speed::bounds::{SpeedLimits, braking_caps, make_reachable};
+use crate::speed::bounds::{SpeedLimits, braking_speed_limits, make_reachable};
 use crate::speed::{
-    AccelerationLimits, Nothing, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
+    AccelerationLimits, NoPlan, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
     search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
@@ -42,7 +42,7 @@ pub(super) struct Situation<'a> {
     /// Whether the run goes on long enough to come to the end of a road that ends ahead.
     pub(super) long_run: bool,
     /// Stretches of the reference line on which resting is not allowed.
-    pub(super) no_rest: &'a [(f64, f64)],
+    pub(super) no_stopping: &'a [(f64, f64)],
     /// Time by which moving obstacles are given way before and after, s.
     pub(super) time_gap: f64,
     /// Lateral acceleration that no path may ask for, m/s².
@@ -51,14 +51,14 @@ pub(super) struct Situation<'a> {
 
 /// A candidate whose stop is proven.
 pub(super) struct Proven {
-    /// The problem to be proved: intervals as they are blocked, caps as hard as they are. The search kept a time gap and
+    /// The problem to be proved: intervals as they are blocked, speed_limits as hard as they are. The search kept a time gap and
     /// a reserve of lateral acceleration to them.
     pub(super) problem: SpeedProblem,
-    /// The caps with the reserve.
-    pub(super) guide_caps: Vec<f64>,
+    /// The speed_limits with the reserve.
+    pub(super) target_speed_limits: Vec<f64>,
     /// The searched profile; it ends at the first safe rest that would be followed by a long wait.
     pub(super) searched: SpeedProfile,
-    /// Station that the whole searched plan has reached after [`DELAY_HORIZON`], m.
+    /// Station that the whole searched plan has reached after [`TRAVEL_TIME_HORIZON`], m.
     pub(super) progress: f64,
     pub(super) expansions: usize,
     /// Cells blocked on the path, for pictures.
@@ -81,27 +81,27 @@ pub(super) enum Evaluation {
 impl Situation<'_> {
     /// Searches the speed along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
-        if self.is_too_sharp(path) {
-            return Evaluation::Rejected { why: Rejection::TooSharp, expansions: 0 };
+        if self.is_curve_speed_infeasible(path) {
+            return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0 };
         }
         let Some((mut problem, blocked)) = self.speed_problem(path) else {
-            return Evaluation::Rejected { why: Rejection::NoRoom, expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0 };
         };
         let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         let Ok(outcome) = search(&problem, Strategy::SafeTlp, &resolution) else {
-            return Evaluation::Rejected { why: Rejection::NoRoom, expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0 };
         };
         let expansions = outcome.statistics().expansions;
         match outcome {
             // a plan without a proof is none
             SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions },
-            SpeedOutcome::Nothing { why, .. } => {
+            SpeedOutcome::NoPlan { why, .. } => {
                 let why = match why {
-                    Nothing::CannotStop { .. } => Rejection::CannotStop,
-                    Nothing::Spent(_) => Rejection::NoProofInBudget,
-                    Nothing::NoSafeState => Rejection::NoProof,
+                    NoPlan::CannotStop { .. } => Rejection::CannotStop,
+                    NoPlan::Spent(_) => Rejection::NoProofInBudget,
+                    NoPlan::NoSafeState => Rejection::NoProof,
                 };
                 Evaluation::Rejected { why, expansions }
             }
@@ -109,10 +109,10 @@ impl Situation<'_> {
                 if let Some(brisk) = tail::without_creeping(&problem, &plan) {
                     plan = brisk;
                 }
-                let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(DELAY_HORIZON).station);
+                let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
-                let caps = self.hard_caps(path, &problem.stations);
-                let guide_caps = std::mem::replace(&mut problem.caps, caps);
+                let speed_limits = self.hard_speed_limits(path, &problem.stations);
+                let target_speed_limits = std::mem::replace(&mut problem.speed_limits, speed_limits);
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::unsmoothed(&problem, &plan).zip(progress) {
@@ -122,7 +122,7 @@ impl Situation<'_> {
                         #[cfg(not(test))]
                         searched,
                         problem,
-                        guide_caps,
+                        target_speed_limits,
                         progress,
                         expansions,
                         blocked,
@@ -134,7 +134,7 @@ impl Situation<'_> {
     }
 
     /// Whether the path bends more than the speed allows that is left after braking comfortably from here.
-    fn is_too_sharp(&self, path: &LatticePath) -> bool {
+    fn is_curve_speed_infeasible(&self, path: &LatticePath) -> bool {
         /// Distance between checks, m.
         const STEP: f64 = 1.0;
         let limits = SpeedLimits {
@@ -214,13 +214,13 @@ impl Situation<'_> {
             (0..cells).map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect()).collect();
         let blocked_at_start =
             grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
-        let caps = self.caps(path, &stations, planned_stop);
-        let rest_allowed = stations.iter().map(|s| self.may_rest(self.station + s)).collect();
+        let speed_limits = self.speed_limits(path, &stations, planned_stop);
+        let stopping_allowed = stations.iter().map(|s| self.may_stop(self.station + s)).collect();
         let problem = SpeedProblem {
-            caps,
+            speed_limits,
             blocked,
             blocked_at_start,
-            rest_allowed,
+            stopping_allowed,
             start_speed: self.speed,
             start_time: self.time,
             horizon: self.horizon,
@@ -234,8 +234,8 @@ impl Situation<'_> {
         Some((problem, grid.blocked_cells().collect()))
     }
 
-    fn may_rest(&self, reference_station: f64) -> bool {
-        !self.no_rest.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
+    fn may_stop(&self, reference_station: f64) -> bool {
+        !self.no_stopping.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
     }
 
     /// Upper bounds that the vehicle and the rules set, for a lateral acceleration and a share of the steering rate.
@@ -251,18 +251,18 @@ impl Situation<'_> {
     }
 
     /// What a smoothed profile is proved against.
-    fn hard_caps(&self, path: &LatticePath, stations: &[f64]) -> Vec<f64> {
+    fn hard_speed_limits(&self, path: &LatticePath, stations: &[f64]) -> Vec<f64> {
         self.hard_limits(path, stations, self.lateral_limit, 1.0)
     }
 
     /// Upper bounds at the nodes, by minimum: curvature and steering with a reserve, rules, the goal's time window, the
     /// planned stop.
-    fn caps(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
+    fn speed_limits(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
         let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
-        let mut caps = self.hard_limits(path, stations, lateral, STEERING_SHARE);
+        let mut speed_limits = self.hard_limits(path, stations, lateral, STEERING_SHARE);
         if let Some(goal) = &self.goal {
             let in_time = goal.speed_for_window(self.station, self.time).max(SLOWEST_APPROACH);
-            for (cap, s) in caps.iter_mut().zip(stations) {
+            for (cap, s) in speed_limits.iter_mut().zip(stations) {
                 if self.station + s <= goal.far {
                     *cap = cap.min(in_time);
                 }
@@ -276,20 +276,21 @@ impl Situation<'_> {
             let needed = self.speed * self.speed / (2.0 * room.max(SHORTEST_CELL));
             let wanted = self.settings.stopping_share * self.braking;
             let deceleration = wanted.max(needed * 1.02).min(self.proof_deceleration);
-            for (cap, braking) in caps.iter_mut().zip(braking_caps(stations, deceleration)) {
+            for (cap, braking) in speed_limits.iter_mut().zip(braking_speed_limits(stations, deceleration)) {
                 *cap = cap.min(braking);
             }
         }
-        make_reachable(stations, &mut caps, self.settings.stopping_share * self.braking);
-        caps
+        make_reachable(stations, &mut speed_limits, self.settings.stopping_share * self.braking);
+        speed_limits
     }
 
-    /// How far free driving gets within [`DELAY_HORIZON`], m.
+    /// How far free driving gets within [`TRAVEL_TIME_HORIZON`], m.
     pub(super) fn free_progress(&self) -> f64 {
         let a = self.vehicle.comfort.acceleration;
-        let ramp = ((self.cruise - self.speed) / a).clamp(0.0, DELAY_HORIZON);
-        let way =
-            self.speed * ramp + 0.5 * a * ramp * ramp + self.cruise.min(self.speed + a * ramp) * (DELAY_HORIZON - ramp);
+        let ramp = ((self.cruise - self.speed) / a).clamp(0.0, TRAVEL_TIME_HORIZON);
+        let way = self.speed * ramp
+            + 0.5 * a * ramp * ramp
+            + self.cruise.min(self.speed + a * ramp) * (TRAVEL_TIME_HORIZON - ramp);
         self.way_to_goal_stop().map_or(way, |stop| way.min(stop.max(0.0)))
     }
 }
@@ -303,13 +304,13 @@ pub(super) fn planned_lateral(settings: &Settings, vehicle: &Vehicle, limit: f64
 /// What falling behind free driving by `behind` metres costs a path: the speed layer has measured what the lattice's
 /// slowing has estimated, so the two count together as the larger of them.
 pub(super) fn delay(settings: &Settings, behind: f64, terms: &CostTerms) -> f64 {
-    (settings.lattice.weights.delay * behind - terms.slowing).max(0.0)
+    (settings.lattice.weights.travel_time * behind - terms.curve_slowdown).max(0.0)
 }
 
 /// A wait at a safe rest that ends a plan, s: what comes after is planned when its time has come.
 const LONG_WAIT: f64 = 2.0;
 /// How far ahead falling behind free driving is counted, s.
-pub(super) const DELAY_HORIZON: f64 = 6.0;
+pub(super) const TRAVEL_TIME_HORIZON: f64 = 6.0;
 /// Shorter cells than this are left out, m: shorter than any gap that matters.
 const SHORTEST_CELL: f64 = 0.02;
 /// Slowest approach to a goal whose time window is not open yet, m/s.

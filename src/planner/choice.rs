@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::candidate::{Evaluation, Proven, delay};
 use super::record::{Candidate, Rejection};
-use super::{CycleRecord, Planner, Rung, Start};
+use super::{CycleRecord, Level, Planner, Start};
 use crate::lattice::{LatticePath, rank};
 
 /// A path with its speed, ready to be committed.
@@ -31,13 +31,13 @@ impl Planner<'_> {
         &self,
         start: &Start,
         lane: usize,
-        rung: Rung,
+        level: Level,
         found: Vec<LatticePath>,
         best: &mut Option<Choice>,
         record: &mut CycleRecord,
     ) {
         let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
-        let situation = self.situation(start, on, rung);
+        let situation = self.situation(start, on, level);
         let free = situation.free_progress();
         let mut rest = found.into_iter();
         loop {
@@ -60,17 +60,17 @@ impl Planner<'_> {
                     rejected: None,
                 };
                 note.rejected = match evaluation {
-                    None => Some(Rejection::Dearer),
+                    None => Some(Rejection::HigherCost),
                     Some(Evaluation::Rejected { why, expansions }) => {
                         record.expansions += expansions;
                         Some(why)
                     }
                     Some(Evaluation::Proven(proven)) => {
                         record.expansions += proven.expansions;
-                        note.terms.delay = delay(self.settings, free - proven.progress, &note.terms);
+                        note.terms.travel_time = delay(self.settings, free - proven.progress, &note.terms);
                         note.cost = note.terms.total();
                         let candidate = record.candidates.len();
-                        let (deceleration, cost) = (rung.deceleration, note.cost);
+                        let (deceleration, cost) = (level.deceleration, note.cost);
                         let pair = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
                         take_if_better(best, pair, record)
                     }
@@ -89,13 +89,13 @@ fn is_worth_it(path: &LatticePath, limit: Option<i64>) -> bool {
 /// Makes the pair the best one if it is, and if its speed is proved again; why not otherwise.
 fn take_if_better(best: &mut Option<Choice>, pair: Choice, record: &mut CycleRecord) -> Option<Rejection> {
     if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(pair.cost)) {
-        return Some(Rejection::Dearer);
+        return Some(Rejection::HigherCost);
     }
     if pair.proven.proved_again().is_err() {
-        return Some(Rejection::Refuted);
+        return Some(Rejection::ReverificationFailed);
     }
     if let Some(passed) = best.replace(pair) {
-        record.reject(passed.candidate, Rejection::Dearer);
+        record.reject(passed.candidate, Rejection::HigherCost);
     }
     None
 }
@@ -135,10 +135,10 @@ mod tests {
     fn a_searched_profile_that_fails_its_second_proof_is_never_committed() {
         let sound = first_cycle("straight_100m.xml", 1, false);
         assert!(matches!(sound.decision, Decision::NewPlan { .. }));
-        assert_eq!(sound.rejections(Rejection::Refuted), 0);
+        assert_eq!(sound.rejections(Rejection::ReverificationFailed), 0);
         let faulty = first_cycle("straight_100m.xml", 1, true);
         assert_eq!(faulty.decision, Decision::Unproven);
-        assert!(faulty.rejections(Rejection::Refuted) > 0 && faulty.chosen.is_none());
+        assert!(faulty.rejections(Rejection::ReverificationFailed) > 0 && faulty.chosen.is_none());
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! When the plan in force is left for another: the one place that decides it.
 //!
 //! **What is compared.** In every cycle the plan in force is among the candidates: the edge that is being driven is kept
-//! as a root of the lattice ([`InForce::kept`]), and what follows it lies on nodes that stay where they are. Every
+//! as a root of the lattice ([`CommittedPlan::kept`]), and what follows it lies on nodes that stay where they are. Every
 //! candidate is compared by its whole cost with every other; one that leaves the plan in force pays for it.
 //!
-//! **The price** is `planner.lattice.weights.switching` for each metre of [`InForce::departure`], the largest distance
+//! **The price** is `planner.lattice.weights.plan_change` for each metre of [`CommittedPlan::departure`], the largest distance
 //! beside the plan in force over the way that both have ahead.
 //!
 //! **Why it can't flicker.** Let A be in force, B another, d between them and p = switching · d. B is taken when
@@ -18,7 +18,7 @@
 //! than going on as planned, which needs no new proof: the plan in force has one up to its rest (`Planner::staying`).
 //!
 //! **At a stop** there is nothing to choose between: in the final approach a plan is left only for one that soon gets
-//! farther by a metre ([`InForce::is_worth_leaving`]), so that a stop is not re-planned centimetre by centimetre, nor drawn
+//! farther by a metre ([`CommittedPlan::is_worth_leaving`]), so that a stop is not re-planned centimetre by centimetre, nor drawn
 //! out by one that would creep until the way is free.
 //!
 //! Weak: where the plan in force was laid through nodes that the present layers leave out, its continuation is only
@@ -30,7 +30,7 @@ use crate::lattice::refine::Commitment;
 use crate::trajectory::{Path, Trajectory, TrajectoryPoint};
 
 /// The plan in force, seen from a point on it.
-pub(super) struct InForce<'a> {
+pub(super) struct CommittedPlan<'a> {
     plan: &'a Trajectory,
     pose: Pose,
     /// Station of that point on the plan's path, m.
@@ -48,7 +48,7 @@ const FINAL_APPROACH: f64 = 4.0;
 /// Less progress than this is not worth leaving the final approach for, m.
 const WORTH_MOVING: f64 = 1.0;
 
-impl<'a> InForce<'a> {
+impl<'a> CommittedPlan<'a> {
     pub(super) fn new(plan: &'a Trajectory, here: &TrajectoryPoint) -> Self {
         Self { plan, pose: here.pose, station: here.station }
     }
@@ -69,7 +69,7 @@ impl<'a> InForce<'a> {
         self.commitment(path, 1.0).cost(path)
     }
 
-    /// What a path and its refinements pay for leaving the plan in force, at a price per metre of [`InForce::departure`].
+    /// What a path and its refinements pay for leaving the plan in force, at a price per metre of [`CommittedPlan::departure`].
     pub(super) fn commitment(&self, path: &Path, price: f64) -> Commitment {
         let both = (self.plan.path.length() - self.station).min(path.length());
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of points
@@ -115,8 +115,8 @@ mod tests {
         Trajectory { start_time: 0.0, path, profile }
     }
 
-    fn seen_from(plan: &Trajectory, station: f64) -> InForce<'_> {
-        InForce { plan, pose: plan.path.at(station).pose, station }
+    fn seen_from(plan: &Trajectory, station: f64) -> CommittedPlan<'_> {
+        CommittedPlan { plan, pose: plan.path.at(station).pose, station }
     }
 
     fn straight_from(x: f64, y: f64, yaw: f64) -> Path {
@@ -183,16 +183,16 @@ mod tests {
         let (a, b) = (straight_from(0.0, 0.0, 0.0), straight_from(0.0, 0.0, 0.02));
         let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 1.0, 0.0), knot(1.0, 50.0, 0.0, 0.0)]).unwrap();
         let switches = |waver: f64, price: f64| {
-            let mut in_force = &a;
+            let mut committed_plan = &a;
             let mut count = 0;
             for cycle in 0..100 {
-                let plan = Trajectory { start_time: 0.0, path: in_force.clone(), profile: profile.clone() };
+                let plan = Trajectory { start_time: 0.0, path: committed_plan.clone(), profile: profile.clone() };
                 let here = seen_from(&plan, 0.0);
                 let cost_a = price * here.departure(&a);
                 let cost_b = waver * f64::from(cycle).sin() + price * here.departure(&b);
                 let best = if cost_b < cost_a { &b } else { &a };
-                count += usize::from(best != in_force);
-                in_force = best;
+                count += usize::from(best != committed_plan);
+                committed_plan = best;
             }
             count
         };

@@ -25,7 +25,7 @@ pub(super) struct Lane {
     /// Time at which the last chance to reach the goal ends, s of the run; infinite without a goal position.
     pub(super) goal_deadline: f64,
     /// Stretches on which resting is not allowed, m.
-    pub(super) no_rest: Vec<(f64, f64)>,
+    pub(super) no_stopping: Vec<(f64, f64)>,
     /// Lattice edges kept from cycle to cycle, for each collision world.
     pub(super) stores: [EdgeStore; 3],
 }
@@ -114,7 +114,7 @@ impl Lane {
         let count = (reference.length() / 2.0) as usize;
         Some(Self {
             samples: (0..=count).map(|i| reference.at(2.0 * i as f64).pose.position).collect(),
-            no_rest: kept_free(scenario, &reference),
+            no_stopping: kept_free(scenario, &reference),
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
             stores: Default::default(),
             last_lanelet: *lanelets.last()?,

@@ -7,7 +7,7 @@
 //!
 //! When the plan in force is left for another is one rule, in `hysteresis`.
 //!
-//! What a proof may use is tried in rungs (`Rung`): with margins and the aggressive deceleration first, then without
+//! What a proof may use is tried in levels (`Level`): with margins and the aggressive deceleration first, then without
 //! margins, then with harder braking. Each plan says which it needed. Where the settings ask for it, proofs against all
 //! motions around the predicted ones are tried before (`traffic`).
 
@@ -27,14 +27,14 @@ pub use settings::{EmergencyLimits, RearTraffic, Settings, Uncertainty, Uncertai
 
 use std::time::Instant;
 
-use self::candidate::{DELAY_HORIZON, Proven, Situation, planned_lateral};
+use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON, planned_lateral};
 use self::choice::Choice;
-use self::hysteresis::InForce;
+use self::hysteresis::CommittedPlan;
 use self::lanes::Lane;
 use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
-use crate::lattice::{EdgeCounts, Ground, LatticePath, Root, rank, search};
+use crate::lattice::{EdgeCounts, LatticeContext, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
 use crate::speed::smoothing::{self, Smoothed};
@@ -43,7 +43,7 @@ use crate::vehicle::{State, Vehicle};
 
 pub use self::lanes::NoLane;
 
-/// Plans for one vehicle in one scenario, cycle by cycle.
+/// MotionPlanner for one vehicle in one scenario, cycle by cycle.
 pub struct Planner<'a> {
     scenario: &'a Scenario,
     problem: &'a PlanningProblem,
@@ -71,12 +71,12 @@ struct Committed {
     is_refined: bool,
     /// Its cost without those of falling behind and of leaving the plan before it.
     way_cost: f64,
-    against_set: bool,
+    robust: bool,
 }
 
 /// What proofs may use in one attempt.
 #[derive(Clone, Copy)]
-struct Rung {
+struct Level {
     /// Index of the collision world.
     world: usize,
     /// Largest acceleration, m/s².
@@ -96,7 +96,7 @@ struct Rung {
     /// Lateral acceleration that no path may ask for, m/s².
     lateral_limit: f64,
     /// Whether proofs must hold for all motions of the traffic within the bounds, not for the predicted ones alone.
-    against_set: bool,
+    robust: bool,
 }
 
 /// Where a cycle plans from.
@@ -177,14 +177,15 @@ impl<'a> Planner<'a> {
         self.follow_route(&start);
         self.look_at_traffic(&start);
         let mut record = CycleRecord::default();
-        let rungs = self.rungs();
-        let choice = rungs.iter().enumerate().find_map(|(attempt, rung)| {
+        let levels = self.levels();
+        let choice = levels.iter().enumerate().find_map(|(attempt, level)| {
             record.attempt = attempt;
-            Some((*rung, self.choose(&start, *rung, &mut record)?))
+            Some((*level, self.choose(&start, *level, &mut record)?))
         });
-        let (decision, blocked) = match choice.filter(|(rung, c)| self.is_worth_taking(&start, *rung, c, &mut record)) {
-            Some((rung, choice)) => {
-                let choice = self.refined(&start, rung, choice, &mut record);
+        let (decision, blocked) = match choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record))
+        {
+            Some((level, choice)) => {
+                let choice = self.refined(&start, level, choice, &mut record);
                 record.is_refined = choice.is_refined;
                 record.chosen = Some(choice.candidate);
                 let decision = Decision::NewPlan { deceleration: choice.deceleration };
@@ -192,19 +193,19 @@ impl<'a> Planner<'a> {
                 let (profile, smoothing) = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
-                let way_cost = choice.path.terms.total() - choice.path.terms.switching;
+                let way_cost = choice.path.terms.total() - choice.path.terms.plan_change;
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
-                let (is_proven, against_set) = (true, rung.against_set);
+                let (is_proven, robust) = (true, level.robust);
                 let committed =
-                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, against_set };
+                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, robust };
                 self.committed = Some(committed);
                 (decision, choice.proven.blocked)
             }
             None if self.committed.is_some() && start.on_plan => {
                 record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
                 let is_proven = self.committed.as_ref().is_some_and(|c| c.is_proven);
-                (if is_proven { Decision::KeepLast } else { Decision::Unproven }, Vec::new())
+                (if is_proven { Decision::KeepPrevious } else { Decision::Unproven }, Vec::new())
             }
             None => {
                 self.committed = Some(self.emergency_stop(&start));
@@ -225,12 +226,12 @@ impl<'a> Planner<'a> {
             expansions: record.expansions,
             smoothing: committed.smoothing,
             is_refined: record.is_refined,
-            is_proven_against_set: committed.against_set,
+            is_robust: committed.robust,
             stage_seconds: record.seconds,
         }
     }
 
-    /// Plans the route anew where the lanes in hand end too soon, or where the vehicle has changed to another one.
+    /// MotionPlanner the route anew where the lanes in hand end too soon, or where the vehicle has changed to another one.
     fn follow_route(&mut self, start: &Start) {
         let Ok(lanes) = &self.lanes else { return };
         let centre = self.vehicle.centre_of_rear_axle(&start.point.pose);
@@ -249,12 +250,12 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The rungs in the order in which they are tried. While a proven plan is in force there is no reason to go beyond
+    /// The levels in the order in which they are tried. While a proven plan is in force there is no reason to go beyond
     /// what it needed.
-    fn rungs(&self) -> Vec<Rung> {
+    fn levels(&self) -> Vec<Level> {
         let aggressive = self.vehicle.comfort.aggressive_deceleration;
         let lateral_limit = LATERAL_HEADROOM * self.vehicle.comfort.lateral_acceleration;
-        let first = Rung {
+        let first = Level {
             world: 0,
             acceleration: self.vehicle.comfort.acceleration,
             braking: self.vehicle.comfort.deceleration,
@@ -264,15 +265,15 @@ impl<'a> Planner<'a> {
             time_gap: self.settings.time_gap,
             junctions_kept_free: true,
             lateral_limit,
-            against_set: false,
+            robust: false,
         };
-        let mut rungs = vec![
+        let mut levels = vec![
             first,
-            Rung { time_gap: SHORT_GAP, ..first },
-            Rung { time_gap: SHORT_GAP, junctions_kept_free: false, ..first },
-            Rung { time_gap: 0.0, junctions_kept_free: false, world: 1, search_share: 1.0, ..first },
+            Level { time_gap: SHORT_GAP, ..first },
+            Level { time_gap: SHORT_GAP, junctions_kept_free: false, ..first },
+            Level { time_gap: 0.0, junctions_kept_free: false, world: 1, search_share: 1.0, ..first },
         ];
-        rungs.extend(self.settings.emergency.iter().map(|e| Rung {
+        levels.extend(self.settings.emergency.iter().map(|e| Level {
             world: 1,
             acceleration: e.acceleration,
             braking: NOMINAL_SHARE * e.deceleration,
@@ -286,16 +287,16 @@ impl<'a> Planner<'a> {
             time_gap: 0.0,
             junctions_kept_free: false,
             lateral_limit: EMERGENCY_LATERAL,
-            against_set: false,
+            robust: false,
         }));
         // bumper to bumper, cells of half a metre and slices of a tenth of a second are too coarse
-        if let (None, Some(hardest)) = (&self.committed, rungs.last().copied()) {
-            rungs.push(Rung { world: 2, ..hardest });
+        if let (None, Some(hardest)) = (&self.committed, levels.last().copied()) {
+            levels.push(Level { world: 2, ..hardest });
         }
         if let Some(committed) = &self.committed {
-            rungs.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
+            levels.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
         }
-        self.with_sets(rungs)
+        self.with_sets(levels)
     }
 
     /// Where to plan from: the committed trajectory now, or the measured state if that is too far from it.
@@ -321,15 +322,15 @@ impl<'a> Planner<'a> {
         Start { point, on_plan: false }
     }
 
-    /// The cheapest pair of path and speed whose stop is proven on this rung.
-    fn choose(&mut self, start: &Start, rung: Rung, record: &mut CycleRecord) -> Option<Choice> {
+    /// The cheapest pair of path and speed whose stop is proven on this level.
+    fn choose(&mut self, start: &Start, level: Level, record: &mut CycleRecord) -> Option<Choice> {
         let mut best: Option<Choice> = None;
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
-            let found = self.lattice_paths(start, lane, rung, &mut record.edges);
+            let found = self.lattice_paths(start, lane, level, &mut record.edges);
             record.seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
-            self.evaluate_all(start, lane, rung, found, &mut best, record);
+            self.evaluate_all(start, lane, level, found, &mut best, record);
             record.seconds.speed += begun.elapsed().as_secs_f64();
         }
         best
@@ -337,17 +338,17 @@ impl<'a> Planner<'a> {
 
     /// Lattice paths on a lane, from the start and from the end of the committed edge, with the terms that depend on
     /// the lane and on the committed path.
-    fn lattice_paths(&mut self, start: &Start, lane: usize, rung: Rung, counts: &mut EdgeCounts) -> Vec<LatticePath> {
+    fn lattice_paths(&mut self, start: &Start, lane: usize, level: Level, counts: &mut EdgeCounts) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
-        let world = &self.worlds[rung.world];
+        let world = &self.worlds[level.world];
         let roots = self.roots(start, world);
-        let full_speed_curvature = self.full_speed_curvature(start, rung);
+        let full_speed_curvature = self.full_speed_curvature(start, level);
         let weights = self.settings.lattice.weights;
-        let in_force = in_force(self.committed.as_ref(), start);
+        let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let ground = ground(self.vehicle, &lane.reference, world, full_speed_curvature);
+        let context = context(self.vehicle, &lane.reference, world, full_speed_curvature);
         // a lane change that the goal needs gets dearer to put off as its time runs out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -357,13 +358,13 @@ impl<'a> Planner<'a> {
             + ((URGENT_WAY - way_left) / URGENCY_WAY_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
-            let store = &mut lane.stores[rung.world];
-            let found = search(&ground, root, speed, horizon, &self.settings.lattice, store);
+            let store = &mut lane.stores[level.world];
+            let found = search(&context, root, speed, horizon, &self.settings.lattice, store);
             counts.add(&found.counts);
             for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
-                if let Some(in_force) = &in_force {
-                    path.terms.switching = weights.switching * in_force.departure(&path.path);
+                if let Some(committed_plan) = &committed_plan {
+                    path.terms.plan_change = weights.plan_change * committed_plan.departure(&path.path);
                 }
                 all.push(path);
             }
@@ -373,49 +374,49 @@ impl<'a> Planner<'a> {
     }
 
     /// The curvature that takes all the lateral acceleration that paths are planned for at the speed of the start, 1/m.
-    fn full_speed_curvature(&self, start: &Start, rung: Rung) -> f64 {
-        planned_lateral(self.settings, self.vehicle, rung.lateral_limit) / (start.point.speed * start.point.speed)
+    fn full_speed_curvature(&self, start: &Start, level: Level) -> f64 {
+        planned_lateral(self.settings, self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
     fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
         let p = &start.point;
         let allowance = allowance_at(world, p);
         let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
-        let kept = in_force(self.committed.as_ref(), start).and_then(|plan| plan.kept());
+        let kept = committed_plan(self.committed.as_ref(), start).and_then(|plan| plan.kept());
         let kept =
             kept.map(|(end, kept)| Root { pose: end.pose, curvature: end.curvature, kept, start: p.pose, allowance });
         kept.into_iter().chain([fresh]).collect()
     }
 
-    fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, rung: Rung) -> Situation<'s> {
+    fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: Level) -> Situation<'s> {
         Situation {
             vehicle: self.vehicle,
             settings: self.settings,
-            traffic: self.counted(&rung),
+            traffic: self.counted(&level),
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
             station: lane.reference.project(start.point.pose.position).s,
             time: start.point.time,
-            speed: if start.point.speed < AT_REST { 0.0 } else { start.point.speed },
-            cruise: self.cruise * rung.speed_factor,
-            acceleration: rung.acceleration,
-            braking: rung.braking,
+            speed: if start.point.speed < STANDSTILL_SPEED { 0.0 } else { start.point.speed },
+            cruise: self.cruise * level.speed_factor,
+            acceleration: level.acceleration,
+            braking: level.braking,
             horizon: self.horizon,
-            proof_deceleration: rung.deceleration,
-            search_share: rung.search_share,
+            proof_deceleration: level.deceleration,
+            search_share: level.search_share,
             long_run: self.end_time - start.point.time > LONG_RUN,
-            no_rest: if rung.junctions_kept_free { &lane.no_rest } else { &[] },
-            time_gap: rung.time_gap,
-            lateral_limit: rung.lateral_limit,
+            no_stopping: if level.junctions_kept_free { &lane.no_stopping } else { &[] },
+            time_gap: level.time_gap,
+            lateral_limit: level.lateral_limit,
         }
     }
 
     /// The choice's profile made jerk-limited, if it can be proved again; else as it was searched.
     fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
-        let Proven { problem, guide_caps, searched, .. } = &*choice.proven;
+        let Proven { problem, target_speed_limits, searched, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        match smoothing::smooth_and_prove(problem, guide_caps, searched, start.point.acceleration, &settings) {
+        match smoothing::smooth_and_prove(problem, target_speed_limits, searched, start.point.acceleration, &settings) {
             Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
             Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
             Err(why) => (searched.clone(), Smoothing::Unsmoothed(why)),
@@ -423,15 +424,17 @@ impl<'a> Planner<'a> {
     }
 
     /// Whether the plan in force is to be left for the best one found.
-    fn is_worth_taking(&self, start: &Start, rung: Rung, choice: &Choice, record: &mut CycleRecord) -> bool {
+    fn is_worth_taking(&self, start: &Start, level: Level, choice: &Choice, record: &mut CycleRecord) -> bool {
         let soon = choice.proven.searched.last().station.min(choice.proven.progress);
-        let worth = in_force(self.committed.as_ref(), start).is_none_or(|plan| {
+        let worth = committed_plan(self.committed.as_ref(), start).is_none_or(|plan| {
             plan.is_worth_leaving(soon)
                 && (!plan.is_another_way(&choice.path.path)
-                    || self.staying(start, rung, choice, &plan).is_none_or(|staying| rank(choice.cost) < rank(staying)))
+                    || self
+                        .staying(start, level, choice, &plan)
+                        .is_none_or(|staying| rank(choice.cost) < rank(staying)))
         });
         if !worth {
-            record.reject(choice.candidate, Rejection::InForce);
+            record.reject(choice.candidate, Rejection::BelowSwitchingThreshold);
         }
         worth
     }
@@ -439,15 +442,15 @@ impl<'a> Planner<'a> {
     /// What going on along the plan in force costs, where it is proven by no harder braking and against no less than the
     /// choice: its way's cost as it was when it was chosen, the way that it has come to miss since, and how far it falls
     /// behind from here.
-    fn staying(&self, start: &Start, rung: Rung, choice: &Choice, plan: &InForce<'_>) -> Option<f64> {
+    fn staying(&self, start: &Start, level: Level, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
         let is_as_safe =
-            |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.against_set >= rung.against_set;
+            |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.robust >= level.robust;
         let committed = self.committed.as_ref().filter(is_as_safe)?;
         let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
         let weights = &self.settings.lattice.weights;
         let behind =
-            self.situation(start, lane, rung).free_progress() - plan.progress(start.point.time + DELAY_HORIZON);
-        Some(committed.way_cost + weights.missing * plan.driven() + weights.delay * behind.max(0.0))
+            self.situation(start, lane, level).free_progress() - plan.progress(start.point.time + TRAVEL_TIME_HORIZON);
+        Some(committed.way_cost + weights.progress_shortfall * plan.driven() + weights.travel_time * behind.max(0.0))
     }
 
     /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
@@ -477,8 +480,8 @@ impl<'a> Planner<'a> {
         let smoothing = Smoothing::EmergencyStop;
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
-                let (is_proven, is_refined, against_set, way_cost) = (false, false, false, 0.0);
-                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, against_set }
+                let (is_proven, is_refined, robust, way_cost) = (false, false, false, 0.0);
+                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, robust }
             }
             (None, Some(committed)) => committed.clone(),
             (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
@@ -519,7 +522,7 @@ const HARDEST_BRAKING: f64 = 8.0;
 /// Lateral acceleration of emergency paths, m/s²: well inside dry friction, with braking on top.
 const EMERGENCY_LATERAL: f64 = 5.0;
 /// Slower than this is at rest, m/s: edges at such speeds would last for minutes.
-const AT_REST: f64 = 0.02;
+const STANDSTILL_SPEED: f64 = 0.02;
 /// Lateral distance from a reference line within which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
 
@@ -541,19 +544,19 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
 }
 
 /// What the lattice of a lane is built on.
-fn ground<'a>(
+fn context<'a>(
     vehicle: &Vehicle,
     reference: &'a ReferenceLine,
     world: &'a CollisionWorld,
     full_speed_curvature: f64,
-) -> Ground<'a> {
+) -> LatticeContext<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
-    Ground { reference, world, max_curvature, full_speed_curvature, half_width }
+    LatticeContext { reference, world, max_curvature, full_speed_curvature, half_width }
 }
 
 /// The plan in force, if planning starts on it.
-fn in_force<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<InForce<'c>> {
-    committed.filter(|_| start.on_plan).map(|c| InForce::new(&c.trajectory, &start.point))
+fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<CommittedPlan<'c>> {
+    committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, &start.point))
 }
 
 /// What a cycle collects on its way.

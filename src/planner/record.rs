@@ -35,7 +35,7 @@ pub struct Cycle {
     pub is_refined: bool,
     /// Whether the committed plan's stop is proven for all motions of the traffic within the bounds that the settings give, as
     /// seen when the plan was made; if not, for the predicted motions alone. Never where the settings ask for no such proof.
-    pub is_proven_against_set: bool,
+    pub is_robust: bool,
     /// Wall-clock times of the stages, s. Never part of a hash.
     pub stage_seconds: StageSeconds,
 }
@@ -49,7 +49,7 @@ pub enum Decision {
         deceleration: f64,
     },
     /// No new proven plan was found: the last proven plan goes on to its stop.
-    KeepLast,
+    KeepPrevious,
     /// No proven plan has ever been found: braking as hard as the tyres allow.
     Unproven,
 }
@@ -74,10 +74,10 @@ pub struct Candidate {
 /// Why a candidate was not taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rejection {
-    /// `too_sharp`: it bends more than the speed allows that is left after braking comfortably from here.
-    TooSharp,
-    /// `no_room`: what blocks it is so near that a moving vehicle has not even one cell of way.
-    NoRoom,
+    /// `curve_speed_infeasible`: it bends more than the speed allows that is left after braking comfortably from here.
+    CurveSpeedInfeasible,
+    /// `blocked_at_start`: what blocks it is so near that a moving vehicle has not even one cell of way.
+    BlockedAtStart,
     /// `cannot_stop`: even the hardest braking of this attempt needs more way than there is.
     CannotStop,
     /// `no_proof`: the search of its speed ended, and no speed profile along it has a proven stop.
@@ -86,50 +86,50 @@ pub enum Rejection {
     NoProofInBudget,
     /// `no_profile`: the speeds found do not make a profile; a fault of the search, told and survived.
     NoProfile,
-    /// `refuted`: its searched profile failed when it was proved again by other code; a fault of the search, told and
+    /// `reverification_failed`: its searched profile failed when it was proved again by other code; a fault of the search, told and
     /// survived.
-    Refuted,
-    /// `dearer`: another candidate with a proven stop costs less. Where its cost was above that one's before, its speed
+    ReverificationFailed,
+    /// `higher_cost`: another candidate with a proven stop costs less. Where its cost was above that one's before, its speed
     /// was not searched.
-    Dearer,
-    /// `in_force`: the best of its cycle, and not worth leaving the final approach of the plan in force.
-    InForce,
+    HigherCost,
+    /// `below_switching_threshold`: the best of its cycle, and not worth leaving the final approach of the plan in force.
+    BelowSwitchingThreshold,
 }
 
 impl Rejection {
     /// Every reason, in the order in which they are checked.
     pub const ALL: [Self; 9] = [
-        Self::TooSharp,
-        Self::NoRoom,
+        Self::CurveSpeedInfeasible,
+        Self::BlockedAtStart,
         Self::CannotStop,
         Self::NoProof,
         Self::NoProofInBudget,
         Self::NoProfile,
-        Self::Refuted,
-        Self::Dearer,
-        Self::InForce,
+        Self::ReverificationFailed,
+        Self::HigherCost,
+        Self::BelowSwitchingThreshold,
     ];
 
     /// The stable code used in reports.
     #[must_use]
     pub fn code(self) -> &'static str {
         match self {
-            Self::TooSharp => "too_sharp",
-            Self::NoRoom => "no_room",
+            Self::CurveSpeedInfeasible => "curve_speed_infeasible",
+            Self::BlockedAtStart => "blocked_at_start",
             Self::CannotStop => "cannot_stop",
             Self::NoProof => "no_proof",
             Self::NoProofInBudget => "no_proof_in_budget",
             Self::NoProfile => "no_profile",
-            Self::Refuted => "refuted",
-            Self::Dearer => "dearer",
-            Self::InForce => "in_force",
+            Self::ReverificationFailed => "reverification_failed",
+            Self::HigherCost => "higher_cost",
+            Self::BelowSwitchingThreshold => "below_switching_threshold",
         }
     }
 
     /// Whether the candidate could not be taken; if not, it could, and there was a better one.
     #[must_use]
     pub fn is_refusal(self) -> bool {
-        !matches!(self, Self::Dearer | Self::InForce)
+        !matches!(self, Self::HigherCost | Self::BelowSwitchingThreshold)
     }
 }
 
@@ -153,7 +153,7 @@ impl Decision {
     pub fn name(self) -> &'static str {
         match self {
             Self::NewPlan { .. } => "new_plan",
-            Self::KeepLast => "keep_last",
+            Self::KeepPrevious => "keep_previous",
             Self::Unproven => "unproven",
         }
     }
@@ -168,7 +168,7 @@ pub enum Smoothing {
     Firm,
     /// The searched profile stands, proved again: its acceleration jumps. Says why no smooth one does.
     Unsmoothed(smoothing::Failure),
-    /// Nothing was ever proven: braking as hard as the tyres allow.
+    /// NoPlan was ever proven: braking as hard as the tyres allow.
     EmergencyStop,
 }
 
@@ -219,6 +219,6 @@ mod tests {
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
-        assert_eq!(Rejection::ALL[8], Rejection::InForce, "the last one is in the list");
+        assert_eq!(Rejection::ALL[8], Rejection::BelowSwitchingThreshold, "the last one is in the list");
     }
 }

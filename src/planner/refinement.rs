@@ -1,7 +1,7 @@
 //! The chosen path, refined as a whole and evaluated anew like any other candidate.
 //!
 //! Only the chosen path is refined: which one is chosen stays the lattice's decision, so that refinement brings no
-//! flicker of its own. It is committed in the place of the lattice's own if its stop is proven on the same rung and its
+//! flicker of its own. It is committed in the place of the lattice's own if its stop is proven on the same level and its
 //! total cost, the delay of its own speed search included, is not greater, and it gets no less far.
 //!
 //! On the way from another lane nothing is refined: offsets beyond [`OFFSET_SATURATES`] all cost the same, so the costs
@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use super::candidate::{Evaluation, Proven, delay};
 use super::choice::Choice;
-use super::{CycleRecord, Planner, Rung, Start, allowance_at, ground, in_force};
+use super::{CycleRecord, Level, Planner, Start, allowance_at, committed_plan, context};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
 
@@ -20,9 +20,9 @@ const ON_TIME: f64 = 0.01;
 
 impl Planner<'_> {
     /// The choice with its path refined, where that checks out; else as it is.
-    pub(super) fn refined(&self, start: &Start, rung: Rung, choice: Choice, record: &mut CycleRecord) -> Choice {
+    pub(super) fn refined(&self, start: &Start, level: Level, choice: Choice, record: &mut CycleRecord) -> Choice {
         let begun = Instant::now();
-        let better = self.refinement(start, rung, &choice, record);
+        let better = self.refinement(start, level, &choice, record);
         record.seconds.refinement = begun.elapsed().as_secs_f64();
         match better {
             Some((path, proven, cost)) => Choice { path, proven, cost, is_refined: true, ..choice },
@@ -33,7 +33,7 @@ impl Planner<'_> {
     fn refinement(
         &self,
         start: &Start,
-        rung: Rung,
+        level: Level,
         choice: &Choice,
         record: &mut CycleRecord,
     ) -> Option<(LatticePath, Box<Proven>, f64)> {
@@ -45,12 +45,12 @@ impl Planner<'_> {
         if lane.reference.project(start.point.pose.position).l.abs() > OFFSET_SATURATES {
             return None;
         }
-        let world = &self.worlds[rung.world];
+        let world = &self.worlds[level.world];
         let weights = &self.settings.lattice.weights;
-        let commitment = in_force(self.committed.as_ref(), start)
-            .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.switching));
+        let commitment = committed_plan(self.committed.as_ref(), start)
+            .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.plan_change));
         let mut path = refined(
-            &ground(self.vehicle, &lane.reference, world, self.full_speed_curvature(start, rung)),
+            &context(self.vehicle, &lane.reference, world, self.full_speed_curvature(start, level)),
             &choice.path,
             &allowance_at(world, &start.point),
             self.vehicle.front_overhang_from_rear_axle(),
@@ -58,8 +58,8 @@ impl Planner<'_> {
             &commitment,
             settings,
         )?;
-        path.terms.switching = commitment.cost(&path.path);
-        let situation = self.situation(start, lane, rung);
+        path.terms.plan_change = commitment.cost(&path.path);
+        let situation = self.situation(start, lane, level);
         match situation.evaluate(&path) {
             Evaluation::Rejected { expansions, .. } => {
                 record.expansions += expansions;

@@ -66,11 +66,11 @@ pub struct Uncertainty {
     /// Whether such proofs are sought.
     pub mode: UncertaintyMode,
     /// Acceleration along an obstacle's predicted heading beyond the predicted one, either way, m/s².
-    pub along: f64,
+    pub longitudinal: f64,
     /// Acceleration across it, m/s².
-    pub across: f64,
+    pub lateral: f64,
     /// Largest deviation across it, m; infinite (`inf`) if only the accelerations bound it.
-    pub most_across: f64,
+    pub max_lateral_deviation: f64,
     /// Whether vehicles and bicycles may move backwards.
     pub vehicles_reverse: bool,
 }
@@ -92,9 +92,9 @@ impl Default for Uncertainty {
     fn default() -> Self {
         Self {
             mode: UncertaintyMode::Off,
-            along: 1.0,
-            across: 0.2,
-            most_across: f64::INFINITY,
+            longitudinal: 1.0,
+            lateral: 0.2,
+            max_lateral_deviation: f64::INFINITY,
             vehicles_reverse: false,
         }
     }
@@ -104,8 +104,8 @@ impl Uncertainty {
     /// The bounds of the motions.
     #[must_use]
     pub fn bounds(&self) -> MotionBounds {
-        let Self { along, across, most_across, vehicles_reverse, .. } = *self;
-        MotionBounds { along, across, most_across, vehicles_reverse }
+        let Self { longitudinal, lateral, max_lateral_deviation, vehicles_reverse, .. } = *self;
+        MotionBounds { longitudinal, lateral, max_lateral_deviation, vehicles_reverse }
     }
 }
 

@@ -20,16 +20,16 @@
 //! behind as well.
 //!
 //! # Motions around the predicted ones
-//! With [`UncertaintyMode::Preferred`] the comfortable rungs are tried against the set of motions first
+//! With [`UncertaintyMode::Preferred`] the comfortable levels are tried against the set of motions first
 //! ([`crate::collision::uncertainty`]), and against the predicted ones when no plan is proven; with
-//! [`UncertaintyMode::Required`] all rungs are tried against the set alone. Without a proof the last plan goes on. If the
+//! [`UncertaintyMode::Required`] all levels are tried against the set alone. Without a proof the last plan goes on. If the
 //! traffic moves as predicted, that plan is proven against the set of the present moment as well: the state now is one
 //! of those reckoned with, and what may come of it is less.
 
 use std::sync::OnceLock;
 
 use super::settings::{RearTraffic, UncertaintyMode};
-use super::{Planner, Rung, Start};
+use super::{Level, Planner, Start};
 use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
@@ -86,21 +86,21 @@ impl Planner<'_> {
         }
     }
 
-    /// What counts of the traffic on a rung.
-    pub(super) fn counted(&self, rung: &Rung) -> &Predictions {
-        self.traffic.counted(&self.worlds, rung, &self.settings.uncertainty.bounds())
+    /// What counts of the traffic on a level.
+    pub(super) fn counted(&self, level: &Level) -> &Predictions {
+        self.traffic.counted(&self.worlds, level, &self.settings.uncertainty.bounds())
     }
 
-    /// The rungs with those against the set of motions, as the settings ask for them.
-    pub(super) fn with_sets(&self, rungs: Vec<Rung>) -> Vec<Rung> {
-        let against_set = |rung: &Rung| Rung { against_set: true, ..*rung };
+    /// The levels with those against the set of motions, as the settings ask for them.
+    pub(super) fn with_sets(&self, levels: Vec<Level>) -> Vec<Level> {
+        let robust = |level: &Level| Level { robust: true, ..*level };
         match self.settings.uncertainty.mode {
-            UncertaintyMode::Off => rungs,
+            UncertaintyMode::Off => levels,
             UncertaintyMode::Preferred => {
-                let with_margins = rungs.iter().filter(|r| r.world == 0).map(against_set);
-                with_margins.chain(rungs.iter().copied()).collect()
+                let with_margins = levels.iter().filter(|r| r.world == 0).map(robust);
+                with_margins.chain(levels.iter().copied()).collect()
             }
-            UncertaintyMode::Required => rungs.iter().map(against_set).collect(),
+            UncertaintyMode::Required => levels.iter().map(robust).collect(),
         }
     }
 }
@@ -120,13 +120,13 @@ impl Traffic {
         self.came_by.drain(..too_many);
     }
 
-    fn counted<'t>(&'t self, worlds: &'t [CollisionWorld; 3], rung: &Rung, bounds: &MotionBounds) -> &'t Predictions {
-        let all = worlds[rung.world].predictions();
+    fn counted<'t>(&'t self, worlds: &'t [CollisionWorld; 3], level: &Level, bounds: &MotionBounds) -> &'t Predictions {
+        let all = worlds[level.world].predictions();
         let binding = match self.yielding[..] {
             [] => all,
-            _ => self.binding[rung.world].get_or_init(|| all.without(&self.yielding)),
+            _ => self.binding[level.world].get_or_init(|| all.without(&self.yielding)),
         };
-        if rung.against_set { self.grown[rung.world].get_or_init(|| binding.grown(self.now, bounds)) } else { binding }
+        if level.robust { self.grown[level.world].get_or_init(|| binding.grown(self.now, bounds)) } else { binding }
     }
 }
 

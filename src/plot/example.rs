@@ -15,7 +15,7 @@ use crate::planner::{Candidate, Cycle, Decision, Rejection, StageSeconds};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedProfile, Trajectory};
 use crate::vehicle::{Comfort, Footprint, Vehicle};
-use crate::verdict::{Check, Verdict};
+use crate::verdict::{Check, Status, Verdict};
 
 /// Everything that a [`Run`] borrows.
 pub(crate) struct Example {
@@ -160,7 +160,14 @@ fn driven_profile() -> SpeedProfile {
 fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     let now = driven.at(time);
     let profile = braking(now.station, 0.8, now.speed.max(0.01), 3.5);
-    let rejections = [None, None, None, Some(Rejection::NoRoom), Some(Rejection::NoProof), Some(Rejection::TooSharp)];
+    let rejections = [
+        None,
+        None,
+        None,
+        Some(Rejection::BlockedAtStart),
+        Some(Rejection::NoProof),
+        Some(Rejection::CurveSpeedInfeasible),
+    ];
     let bends = [0.0185, 0.0150, 0.0215, 0.0030, 0.0400, -0.0200];
     let candidates = bends.iter().zip(rejections).map(|(bend, rejected)| Candidate {
         path: passing(*bend, 15.0),
@@ -173,7 +180,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     let kept = index == 8;
     let committed = Trajectory { start_time: time, path: driven.path.clone(), profile };
     Cycle {
-        decision: if kept { Decision::KeepLast } else { Decision::NewPlan { deceleration: 3.5 } },
+        decision: if kept { Decision::KeepPrevious } else { Decision::NewPlan { deceleration: 3.5 } },
         reference: (0..=30).map(|i| at(2.0 + 3.0 * f64::from(i), 0.0)).collect(),
         candidates: candidates.collect(),
         blocked: (0..10)
@@ -204,9 +211,9 @@ fn log(driven: &Trajectory, vehicle: &Vehicle) -> Log {
             steering: vehicle.steering_for_curvature(felt.curvature),
             commanded_acceleration: p.acceleration,
             commanded_steering: vehicle.steering_for_curvature(p.curvature),
-            wanted_pose: p.pose,
-            wanted_speed: p.speed,
-            wanted_station: p.station,
+            reference_pose: p.pose,
+            reference_speed: p.speed,
+            reference_station: p.station,
         }
     });
     Log { samples: samples.collect(), contact: None, broke_at: None }
@@ -215,7 +222,7 @@ fn log(driven: &Trajectory, vehicle: &Vehicle) -> Log {
 fn verdict() -> Verdict {
     let check = |name: &'static str, pass, value, limit, unit, at_time, note: &str| Check {
         name,
-        pass,
+        status: Status::of(pass),
         value,
         limit,
         unit,

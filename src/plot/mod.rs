@@ -293,7 +293,7 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
         class: "driven",
     };
     let wanted =
-        Curve { colour: style::WANTED.into(), class: "wanted", dash: "6 3", ..driven(|s| s.wanted_speed, 1.6) };
+        Curve { colour: style::WANTED.into(), class: "wanted", dash: "6 3", ..driven(|s| s.reference_speed, 1.6) };
     let mut speeds = proof_tails(run);
     let mut speed_key = vec![(if motion.driven { "driven" } else { "planned" }, style::DRIVEN)];
     let limits = limit_curve(run, &samples);

@@ -25,7 +25,7 @@ pub(crate) struct MotionSample {
     /// Speed along the heading, m/s.
     pub(crate) speed: f64,
     /// Speed that the trajectory wants, m/s.
-    pub(crate) wanted_speed: f64,
+    pub(crate) reference_speed: f64,
     /// Longitudinal acceleration, m/s².
     pub(crate) acceleration: f64,
     /// Lateral acceleration, m/s², left positive.
@@ -35,7 +35,7 @@ pub(crate) struct MotionSample {
     /// Steering angle, rad.
     pub(crate) steering: f64,
     /// Steering angle asked for, rad.
-    pub(crate) wanted_steering: f64,
+    pub(crate) reference_steering: f64,
 }
 
 /// Spacing at which a plan is sampled, s.
@@ -121,12 +121,12 @@ fn planned(run: &Run) -> Vec<MotionSample> {
                 time: p.time,
                 pose: p.pose,
                 speed: p.speed,
-                wanted_speed: p.speed,
+                reference_speed: p.speed,
                 acceleration: p.acceleration,
                 lateral_acceleration: p.curvature * p.speed * p.speed,
                 jerk: p.jerk,
                 steering,
-                wanted_steering: steering,
+                reference_steering: steering,
             }
         })
         .collect()
@@ -137,12 +137,12 @@ fn of_sample(s: &Sample, jerk: f64) -> MotionSample {
         time: s.time,
         pose: s.pose,
         speed: s.speed,
-        wanted_speed: s.wanted_speed,
+        reference_speed: s.reference_speed,
         acceleration: s.acceleration,
         lateral_acceleration: s.lateral_acceleration,
         jerk,
         steering: s.steering,
-        wanted_steering: s.commanded_steering,
+        reference_steering: s.commanded_steering,
     }
 }
 
@@ -153,7 +153,7 @@ fn is_finite(s: &Sample) -> bool {
         s.pose.position.y,
         s.pose.yaw,
         s.speed,
-        s.wanted_speed,
+        s.reference_speed,
         s.acceleration,
         s.lateral_acceleration,
         s.steering,

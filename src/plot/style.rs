@@ -7,7 +7,7 @@ pub(super) const INK: &str = "#1f2933";
 pub(super) const FAINT_INK: &str = "#616e7c";
 /// Page.
 pub(super) const PAPER: &str = "#ffffff";
-/// Ground beside the road.
+/// LatticeContext beside the road.
 pub(super) const GROUND: &str = "#eef1ea";
 /// Road surface.
 pub(super) const ROAD: &str = "#d5dae0";

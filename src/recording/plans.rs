@@ -69,7 +69,7 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
 /// The cost by terms at the end of the chosen candidate, and below it that of the cheapest one that it was chosen before.
 fn log_costs(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
     let chosen = cycle.chosen.and_then(|i| cycle.candidates.get(i));
-    let passed = cycle.candidates.iter().filter(|c| c.rejected == Some(Rejection::Dearer));
+    let passed = cycle.candidates.iter().filter(|c| c.rejected == Some(Rejection::HigherCost));
     let runner_up = passed.min_by(|a, b| a.cost.total_cmp(&b.cost));
     let label = |c: &Candidate| {
         let next = runner_up.map(|r| format!("\ndearer {}", cost_by_terms(r))).unwrap_or_default();

@@ -47,8 +47,8 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
     curve("jerk/comfort_least", "comfort, falling", (COMFORT, 1.0), &|s| -jerk_limit(jerk, s.speed))?;
     curve("steering/driven", driven, (DRIVEN, 2.0), &|s| s.steering.to_degrees())?;
     if context.motion.driven {
-        curve("speed/wanted", "wanted", (WANTED, 1.2), &|s| s.wanted_speed)?;
-        curve("steering/wanted", "asked for", (WANTED, 1.2), &|s| s.wanted_steering.to_degrees())?;
+        curve("speed/wanted", "wanted", (WANTED, 1.2), &|s| s.reference_speed)?;
+        curve("steering/wanted", "asked for", (WANTED, 1.2), &|s| s.reference_steering.to_degrees())?;
     }
     let network = &context.run.scenario.network;
     let limits: Vec<(f64, f64)> = (context.motion.thinned(0.1).iter())
@@ -106,7 +106,7 @@ pub(super) fn ranges(context: &Context) -> [(&'static str, [f64; 2]); 5] {
     let limits = samples.iter().step_by(10).filter_map(|s| speed_limit_at(&context.run.scenario.network, &s.pose));
     let (side, jerk) = (comfort.lateral_acceleration, 2.0 * comfort.jerk);
     [
-        ("speed", around(|s| s.speed.max(s.wanted_speed), 0.0, limits.fold(1.0, f64::max))),
+        ("speed", around(|s| s.speed.max(s.reference_speed), 0.0, limits.fold(1.0, f64::max))),
         ("acceleration", around(|s| s.acceleration, -comfort.aggressive_deceleration, comfort.acceleration)),
         ("jerk", around(|s| s.jerk, -jerk, jerk)),
         ("lateral_acceleration", around(|s| s.lateral_acceleration, -side, side)),

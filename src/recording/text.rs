@@ -36,7 +36,7 @@ fn lines(run: &Run) -> Vec<Line> {
     for cycle in &run.cycles {
         let decision = summary(run, cycle);
         if last != Some(decision) {
-            let by_choice = cycle.rejections(Rejection::InForce) > 0;
+            let by_choice = cycle.rejections(Rejection::BelowSwitchingThreshold) > 0;
             let fine = by_choice || matches!(cycle.decision, Decision::NewPlan { .. });
             let level = if fine { TextLogLevel::INFO } else { TextLogLevel::WARN };
             lines.push(Line { time: cycle.time, level, text: describe(cycle, decision) });
@@ -73,8 +73,10 @@ fn summary(run: &Run, cycle: &Cycle) -> &'static str {
             let comfortable = *deceleration <= run.vehicle.comfort.deceleration + SAME_DECELERATION;
             if comfortable { "new plan" } else { "new plan, proven by hard braking" }
         }
-        Decision::KeepLast if cycle.rejections(Rejection::InForce) > 0 => "last plan goes on to its stop",
-        Decision::KeepLast => "last plan goes on: no new one is proven",
+        Decision::KeepPrevious if cycle.rejections(Rejection::BelowSwitchingThreshold) > 0 => {
+            "last plan goes on to its stop"
+        }
+        Decision::KeepPrevious => "last plan goes on: no new one is proven",
         Decision::Unproven => "emergency braking: no plan was ever proven",
     }
 }
@@ -85,7 +87,7 @@ fn describe(cycle: &Cycle, decision: &str) -> String {
         let plan = &cycle.committed;
         let ahead = plan.profile.last().station - plan.at(cycle.time).station;
         let _ = write!(text, ": stops in {ahead:.1} m, at {:.1} s, with {deceleration:.1} m/s²", plan.end_time());
-        if cycle.is_proven_against_set {
+        if cycle.is_robust {
             text += ", whatever the traffic does within its bounds";
         }
     }
@@ -135,7 +137,7 @@ fn document(run: &Run) -> String {
 }
 
 fn row(check: &Check) -> String {
-    let mark = if check.pass { "ok" } else { "**FAIL**" };
+    let mark = if check.failed() { "**FAIL**".to_owned() } else { check.status.to_string() };
     let number = |v: f64| if v.is_finite() { format!("{v:.2}") } else { "–".into() };
     let at = check.at_time.map_or_else(String::new, |t| format!("{t:.2} s"));
     let name = check.name.replace('_', " ");
@@ -172,7 +174,11 @@ mod tests {
             "stopped safely",
         ];
         assert_eq!(kinds, expected);
-        assert!(lines[0].text.contains("no_proof 1, no_room 1, too_sharp 1"), "{}", lines[0].text);
+        assert!(
+            lines[0].text.contains("no_proof 1, blocked_at_start 1, curve_speed_infeasible 1"),
+            "{}",
+            lines[0].text
+        );
     }
 
     #[test]

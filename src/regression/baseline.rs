@@ -6,7 +6,7 @@ use std::path::Path;
 use super::SuiteError;
 use crate::io::files;
 
-const FORMAT: &str = "stopline.baseline/1";
+const FORMAT: &str = "stopline.baseline/2";
 
 /// Largest file, bytes: a hundred thousand drives with thirty figures each.
 const MAX_BYTES: u64 = 256 << 20;

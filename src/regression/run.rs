@@ -81,7 +81,7 @@ impl std::fmt::Display for Shard {
 /// What a drive came to.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Measured {
-    /// In the format `stopline.drive/1`, without times of the wall clock.
+    /// In the format `stopline.drive/2`, without times of the wall clock.
     pub(super) result: Map<String, Value>,
     /// The hash of each repetition.
     pub(super) hashes: Vec<String>,

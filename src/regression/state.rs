@@ -105,7 +105,7 @@ impl Header {
             Some(format!("{}-{}", about.len(), time.as_nanos()))
         };
         let program = format!("{} {}", env!("CARGO_PKG_VERSION"), build().unwrap_or_default());
-        Self { format: "stopline.check.state/1".into(), program }
+        Self { format: "stopline.check.state/2".into(), program }
     }
 }
 

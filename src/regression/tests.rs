@@ -145,15 +145,16 @@ fn settings_are_laid_over_each_other_from_the_farthest_to_the_nearest() {
     let place = Place::new();
     place.write("c.toml", "[run]\nlongest = 2.0\nrest = 3.0\n[planner]\njerk = 2.0\ncruise_speed = 5.0\n");
     let suite = place.suite(
-        "[defaults]\nconfig = \"c.toml\"\nsettings = { run.rest = 4.0, planner.jerk = 3.0 }\n\
+        "[defaults]\nconfig = \"c.toml\"\nsettings = { run.standstill_time = 4.0, planner.jerk = 3.0 }\n\
          [[drive]]\nscenarios = \"a.xml\"\nsettings.planner.jerk = 4.0\nmatrix = { \"planner.jerk\" = [5.0] }\n",
     );
     let settings = &suite.cases[0].settings;
-    let found = [settings.run.longest, settings.run.rest, settings.planner.jerk, settings.planner.cruise_speed];
+    let found =
+        [settings.run.longest, settings.run.standstill_time, settings.planner.jerk, settings.planner.cruise_speed];
     assert_eq!(found, [2.0, 4.0, 5.0, 5.0]);
     assert_eq!(settings.simulation, Default::default());
     // what is told of them is all of them, infinities too
-    assert!(settings.planner.uncertainty.most_across.is_infinite());
+    assert!(settings.planner.uncertainty.max_lateral_deviation.is_infinite());
     assert_eq!(toml::from_str::<crate::drive::Settings>(&suite.cases[0].config).unwrap(), **settings);
 }
 
@@ -430,9 +431,9 @@ fn a_baseline_is_kept_compared_and_not_lost() {
     for (corrupt, word) in [
         (&first[..first.len() / 2], "not a baseline"),
         ("", "not a baseline"),
-        ("{\"format\": \"stopline.baseline/1\", \"drives\": {}, \"x\": 1}", "unknown field `x`"),
+        ("{\"format\": \"stopline.baseline/2\", \"drives\": {}, \"x\": 1}", "unknown field `x`"),
         ("{\"format\": \"stopline.baseline/9\", \"drives\": {}}", "stopline.baseline/9"),
-        ("{\"format\": \"stopline.baseline/1\", \"drives\": {\"a\": {\"outcome\": 1, \"figures\": {}}}}", "line 1"),
+        ("{\"format\": \"stopline.baseline/2\", \"drives\": {\"a\": {\"outcome\": 1, \"figures\": {}}}}", "line 1"),
     ] {
         place.write("kept.json", corrupt);
         for options in [&bless, &Options::default()] {
@@ -541,7 +542,7 @@ fn a_replay_takes_the_settings_of_the_report_and_comes_to_the_same() {
 
     let said = suite.replay("b.xml@bmw_320i").unwrap_err().to_string();
     assert!(said.contains("did you mean `a.xml@bmw_320i`?"), "{said}");
-    for (text, word) in [("{}", "not a report"), ("{", "EOF"), ("{\"format\": \"stopline.check/1\"}", "has no drive")] {
+    for (text, word) in [("{}", "not a report"), ("{", "EOF"), ("{\"format\": \"stopline.check/2\"}", "has no drive")] {
         let file = place.write("broken.json", text);
         let said = suite.replay("a.xml@bmw_320i").unwrap().as_reported(&file).unwrap_err().to_string();
         assert!(said.contains("broken.json") && said.contains(word), "{said}");

@@ -7,7 +7,7 @@
 //!
 //! `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), every code always
 //! there; `planning.edges` counts lattice edges by what became of them ([`EdgeCounts`](crate::lattice::EdgeCounts)).
-//! `planning.proven_against_set` counts the cycles whose plan holds against all motions within the bounds of
+//! `planning.robust_cycles` counts the cycles whose plan holds against all motions within the bounds of
 //! `planner.uncertainty`; it is there only if the settings ask for such proofs.
 //! `plan` lists the candidates of its one cycle; a drive has hundreds of cycles and lists them only if asked.
 
@@ -25,7 +25,7 @@ pub(super) fn result(
     kind: Kind,
     run: &Run,
     seed: u64,
-    (held, metrics, planning): (bool, &Metrics, &Planning),
+    (pass, metrics, planning): (bool, &Metrics, &Planning),
     samples: &[Sample],
 ) -> Map<String, Value> {
     let mut result = Map::new();
@@ -33,8 +33,8 @@ pub(super) fn result(
     put(
         "format",
         json!(match kind {
-            Kind::Plan => "stopline.plan/1",
-            Kind::Drive => "stopline.drive/1",
+            Kind::Plan => "stopline.plan/2",
+            Kind::Drive => "stopline.drive/2",
         }),
     );
     put("scenario", json!(run.scenario.id));
@@ -46,7 +46,7 @@ pub(super) fn result(
     if let Some(distance) = run.stopping_distance {
         put("stopping_distance_m", json!(distance));
     }
-    put("verdict", json!(if held { "pass" } else { "fail" }));
+    put("verdict", json!(if pass { "pass" } else { "fail" }));
     put("checks", checks(run));
     put("metrics", serde_json::to_value(metrics).unwrap_or_default());
     put(
@@ -65,9 +65,9 @@ pub(super) fn result(
         }),
     );
     if let (Some(count), Some(told)) =
-        (planning.proven_against_set, result.get_mut("planning").and_then(Value::as_object_mut))
+        (planning.robust_cycles, result.get_mut("planning").and_then(Value::as_object_mut))
     {
-        told.insert("proven_against_set".into(), json!(count));
+        told.insert("robust_cycles".into(), json!(count));
     }
     let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
     if run.faults.is_any() {
@@ -100,13 +100,13 @@ fn rejections(planning: &Planning) -> Value {
 pub(crate) fn cycle(cycle: &Cycle) -> Value {
     let deceleration = match cycle.decision {
         Decision::NewPlan { deceleration } => Some(deceleration),
-        Decision::KeepLast | Decision::Unproven => None,
+        Decision::KeepPrevious | Decision::Unproven => None,
     };
     json!({
         "time_s": cycle.time,
         "decision": cycle.decision.name(),
         "deceleration_mps2": deceleration,
-        "proven_against_set": cycle.is_proven_against_set,
+        "robust_cycles": cycle.is_robust,
         "expansions": cycle.expansions,
         "candidates": candidates(cycle),
     })
@@ -134,7 +134,7 @@ fn checks(run: &Run) -> Value {
     let check = |c: &crate::verdict::Check| {
         json!({
             "name": c.name,
-            "pass": c.pass,
+            "status": c.status.name(),
             "value": c.value,
             "limit": c.limit,
             "unit": c.unit,
@@ -164,13 +164,13 @@ fn plan(run: &Run, samples: &[Sample]) -> Value {
             "speed_mps": s.speed,
             "acceleration_mps2": s.acceleration,
             "steering_rad": s.steering,
-            "station_m": s.wanted_station,
+            "station_m": s.reference_station,
         })
     };
     let last = samples.len().saturating_sub(1);
     let told = samples.iter().enumerate().filter(|(i, _)| i % EVERY == 0 || *i == last);
     json!({
-        "proof": { "deceleration_mps2": deceleration, "ends_at_rest": samples.last().is_some_and(|s| s.speed == 0.0) },
+        "proof": { "deceleration_mps2": deceleration, "ends_at_standstill": samples.last().is_some_and(|s| s.speed == 0.0) },
         "reference_point": "rear axle",
         "states": told.map(|(_, s)| state(s)).collect::<Vec<_>>(),
     })
@@ -234,9 +234,9 @@ mod tests {
             steering: 0.0,
             commanded_acceleration: 0.0,
             commanded_steering: 0.0,
-            wanted_pose: pose,
-            wanted_speed: 0.0,
-            wanted_station: 0.0,
+            reference_pose: pose,
+            reference_speed: 0.0,
+            reference_station: 0.0,
         }
     }
 

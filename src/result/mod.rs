@@ -30,14 +30,14 @@ pub enum Kind {
 #[derive(Debug, Clone)]
 pub struct RunResult {
     /// Whether it is a success.
-    pub held: bool,
+    pub pass: bool,
     /// Figures of what was driven.
     pub metrics: Metrics,
     /// Figures of planning.
     pub planning: Planning,
     /// SHA-256 of the result and of every sampled state, in hexadecimal: equal hashes mean equal runs to the last bit.
     pub hash: String,
-    /// All of it, in the format `stopline.drive/1` or `stopline.plan/1`, without times of the wall clock.
+    /// All of it, in the format `stopline.drive/2` or `stopline.plan/2`, without times of the wall clock.
     pub json: Map<String, Value>,
 }
 
@@ -46,16 +46,16 @@ impl RunResult {
     #[must_use]
     pub fn new(kind: Kind, run: &Run, settings: &Settings, seed: u64) -> Self {
         let metrics = verdict::metrics(run.scenario, run.vehicle, &run.cycles, &run.log, &settings.verdict);
-        let (held, planning) = (held(kind, run), planning(run, settings));
+        let (pass, planning) = (passes(kind, run), planning(run, settings));
         let samples = driven(kind, run).samples;
-        let mut json = json::result(kind, run, seed, (held, &metrics, &planning), &samples);
+        let mut json = json::result(kind, run, seed, (pass, &metrics, &planning), &samples);
         if settings.simulation.friction_scale.to_bits() != 1.0_f64.to_bits() || !settings.friction.is_empty() {
             let road = json!({ "scale": settings.simulation.friction_scale, "patches": settings.friction });
             json.insert("friction".into(), road);
         }
         let hash = json::hash(&json.clone().into(), &samples);
         json.insert("hash".into(), hash.clone().into());
-        Self { held, metrics, planning, hash, json }
+        Self { pass, metrics, planning, hash, json }
     }
 }
 
@@ -69,7 +69,7 @@ pub struct Planning {
     /// Those whose chain of edges was refined as a whole.
     pub refined_cycles: usize,
     /// Cycles whose plan is proven against all motions within the bounds; `None` if the settings ask for no such proof.
-    pub proven_against_set: Option<usize>,
+    pub robust_cycles: Option<usize>,
     /// States expanded by the speed search.
     pub expansions: usize,
     /// Paths looked at.
@@ -103,7 +103,7 @@ pub struct Times {
 
 /// A plan is a success when its stop is proven, a drive when it was judged, every check held, and it came to an end that
 /// is not a failure in itself.
-fn held(kind: Kind, run: &Run) -> bool {
+fn passes(kind: Kind, run: &Run) -> bool {
     match kind {
         Kind::Plan => run.outcome == Outcome::Planned,
         Kind::Drive => {
@@ -134,8 +134,8 @@ fn planning(run: &Run, settings: &Settings) -> Planning {
         edges,
         cycles: run.cycles.len(),
         proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
-        proven_against_set: (settings.planner.uncertainty.mode != UncertaintyMode::Off)
-            .then(|| run.cycles.iter().filter(|c| c.is_proven_against_set).count()),
+        robust_cycles: (settings.planner.uncertainty.mode != UncertaintyMode::Off)
+            .then(|| run.cycles.iter().filter(|c| c.is_robust).count()),
         refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
         expansions: run.cycles.iter().map(|c| c.expansions).sum(),
         candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
@@ -186,9 +186,9 @@ fn planned(run: &Run) -> Log {
             steering,
             commanded_acceleration: p.acceleration,
             commanded_steering: steering,
-            wanted_pose: p.pose,
-            wanted_speed: p.speed,
-            wanted_station: p.station,
+            reference_pose: p.pose,
+            reference_speed: p.speed,
+            reference_station: p.station,
         }
     };
     Log { samples: (0..=count).map(sample).collect(), ..Log::default() }

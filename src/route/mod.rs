@@ -127,7 +127,7 @@ struct Footing {
     outside: f64,
 }
 
-/// Plans a route from the vehicle's centre to the goals (alternatives). Goals without a position ask only to go on.
+/// MotionPlanner a route from the vehicle's centre to the goals (alternatives). Goals without a position ask only to go on.
 #[must_use]
 pub fn plan(network: &RoadNetwork, start: &Pose, goals: &[Goal], settings: &RouteSettings) -> RouteOutcome {
     let graph = LaneGraph::new(network);

@@ -57,10 +57,10 @@ const REST_PREVIEW: f64 = 0.5;
 /// Wanted speeds below this are rest, up to the rounding of a profile, m/s.
 const WANTED_REST: f64 = 1e-3;
 /// Slower than this the vehicle counts as at rest when the profile is, m/s.
-const AT_REST: f64 = 0.03;
+const STANDSTILL_SPEED: f64 = 0.03;
 /// Faster than this beyond the end, the stop has failed and the brakes are applied as hard as they were anywhere in the
 /// profile, m/s: an emergency that began later than the brakes' lag allows. Stops with a ramp are slower there.
-const OVERRUN: f64 = 2.0 * AT_REST;
+const OVERRUN: f64 = 2.0 * STANDSTILL_SPEED;
 /// Short of the end by less than this, the vehicle is held where it is, m.
 const STOP_TOLERANCE: f64 = 0.03;
 /// How far short of the end a stop aims, m.
@@ -77,7 +77,7 @@ const HOLD: f64 = 2.0;
 ///
 /// The seam between the rig and whoever drives in it: [`TrackingController`] unless a test puts another one there, e.g. to
 /// see that the verdict notices a wrong one.
-pub trait Controls: Send + Sync {
+pub trait Controller: Send + Sync {
     /// The command that holds for the next `period` seconds, for a vehicle at `state` that is to follow `trajectory`.
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command;
 }
@@ -86,7 +86,7 @@ pub trait Controls: Send + Sync {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TrackingController;
 
-impl Controls for TrackingController {
+impl Controller for TrackingController {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
         command(vehicle, trajectory, state, period)
     }
@@ -138,7 +138,7 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     let aim = aimed(profile, wanted.station);
     let (station_error, speed_error) = (aim - station, wanted.speed - state.speed);
     let at_end = wanted.speed < WANTED_REST && profile.at(since + REST_PREVIEW).speed < WANTED_REST;
-    if at_end && state.speed < AT_REST && station_error < STOP_TOLERANCE {
+    if at_end && state.speed < STANDSTILL_SPEED && station_error < STOP_TOLERANCE {
         return -HOLD;
     }
     if at_end && state.speed > OVERRUN && station_error < 0.0 {
@@ -156,7 +156,7 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
 
 /// The station that is aimed at: the profile's, but short of the end where it ends at rest.
 fn aimed(profile: &SpeedProfile, station: f64) -> f64 {
-    if !profile.ends_at_rest() {
+    if !profile.ends_at_standstill() {
         return station;
     }
     let left = profile.last().station - station;
@@ -175,7 +175,7 @@ fn forced(profile: &SpeedProfile, time: f64, lag: f64) -> f64 {
         let is_last = pair[1].time >= profile.last().time;
         if !is_last {
             jumps += pair[1].acceleration - before;
-        } else if !profile.ends_at_rest() || pair[1].time <= time + STOP_RELEASE * lag {
+        } else if !profile.ends_at_standstill() || pair[1].time <= time + STOP_RELEASE * lag {
             jumps -= before;
         }
     }

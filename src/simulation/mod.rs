@@ -25,7 +25,7 @@ mod world;
 
 pub use actuators::Command;
 pub use chassis::GRAVITY;
-pub use controller::{Controls, TrackingController};
+pub use controller::{Controller, TrackingController};
 pub use disturbances::{Disturbances, LocalisationNoise};
 pub use friction::{FrictionRegion, SURFACES, surface};
 pub use settings::Settings;
@@ -98,11 +98,11 @@ pub struct Sample {
     /// Steering angle asked for, rad.
     pub commanded_steering: f64,
     /// Rear-axle pose that the trajectory wants now.
-    pub wanted_pose: Pose,
+    pub reference_pose: Pose,
     /// Speed that the trajectory wants now, m/s.
-    pub wanted_speed: f64,
+    pub reference_speed: f64,
     /// Station on the trajectory's path that is wanted now, m.
-    pub wanted_station: f64,
+    pub reference_station: f64,
 }
 
 /// What the vehicle touched.

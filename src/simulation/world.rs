@@ -9,7 +9,7 @@ use rapier2d::math::Vector as RapierVector;
 use super::actuators::{ActuatorState, Command};
 use super::cells::{CELL, Cells};
 use super::chassis::{GRAVITY, Motion, RunningGear, Wrench, wheel_position};
-use super::controller::{Controls, TrackingController};
+use super::controller::{Controller, TrackingController};
 use super::convert::{Frame, point};
 use super::disturbances::{DeadTime, Disturbances, Localisation};
 use super::friction::{FrictionMap, FrictionRegion};
@@ -28,7 +28,7 @@ pub struct World {
     vehicle: Arc<Vehicle>,
     /// What the controller and the actuators take the vehicle for.
     believed: Arc<Vehicle>,
-    controls: Arc<dyn Controls>,
+    controls: Arc<dyn Controller>,
     settings: Settings,
     physics: Physics,
     frame: Frame,
@@ -142,7 +142,7 @@ impl World {
 
     /// The same world with another controller than [`TrackingController`].
     #[must_use]
-    pub fn controlled_by(mut self, controls: Arc<dyn Controls>) -> Self {
+    pub fn controlled_by(mut self, controls: Arc<dyn Controller>) -> Self {
         self.controls = controls;
         self
     }
@@ -373,9 +373,9 @@ impl World {
             steering: self.actuators.steering,
             commanded_acceleration: self.command.acceleration,
             commanded_steering: self.command.steering,
-            wanted_pose: wanted.pose,
-            wanted_speed: wanted.speed,
-            wanted_station: wanted.station,
+            reference_pose: wanted.pose,
+            reference_speed: wanted.speed,
+            reference_station: wanted.station,
         }
     }
 }

@@ -39,7 +39,7 @@ impl SpeedLimits {
 
 /// Highest speed at each node for a comfortable stop at the last one: v² = 2 d (s_n − s).
 #[must_use]
-pub fn braking_caps(stations: &[f64], deceleration: f64) -> Vec<f64> {
+pub fn braking_speed_limits(stations: &[f64], deceleration: f64) -> Vec<f64> {
     let end = stations.last().copied().unwrap_or(0.0);
     stations.iter().map(|s| (2.0 * deceleration * (end - s)).max(0.0).sqrt()).collect()
 }
@@ -55,7 +55,7 @@ pub fn time_to_collision(gap: f64, speed: f64, lead_speed: f64) -> Option<f64> {
 /// Highest speed at each node for being down to `lead_speed` (m/s) where the gap to a vehicle ahead is used up, at station
 /// `meets`: v² = v_lead² + 2 d (s_meets − s), and v_lead from there on.
 #[must_use]
-pub fn following_caps(stations: &[f64], meets: f64, lead_speed: f64, deceleration: f64) -> Vec<f64> {
+pub fn following_speed_limits(stations: &[f64], meets: f64, lead_speed: f64, deceleration: f64) -> Vec<f64> {
     let cap = |s: &f64| (lead_speed * lead_speed + 2.0 * deceleration * (meets - s).max(0.0)).sqrt();
     stations.iter().map(cap).collect()
 }
@@ -67,13 +67,13 @@ pub fn least_of(bounds: &[&[f64]]) -> Vec<f64> {
     (0..nodes).map(|i| bounds.iter().map(|b| b[i]).fold(f64::INFINITY, f64::min)).collect()
 }
 
-/// Lowers the nodes' caps so that each next one can be reached with `deceleration`: the comfortable approach to every
+/// Lowers the nodes' speed_limits so that each next one can be reached with `deceleration`: the comfortable approach to every
 /// slower part.
-pub fn make_reachable(stations: &[f64], caps: &mut [f64], deceleration: f64) {
-    for i in (0..caps.len().saturating_sub(1)).rev() {
+pub fn make_reachable(stations: &[f64], speed_limits: &mut [f64], deceleration: f64) {
+    for i in (0..speed_limits.len().saturating_sub(1)).rev() {
         let ds = stations[i + 1] - stations[i];
-        let reachable = (caps[i + 1] * caps[i + 1] + 2.0 * deceleration * ds).sqrt();
-        caps[i] = caps[i].min(reachable);
+        let reachable = (speed_limits[i + 1] * speed_limits[i + 1] + 2.0 * deceleration * ds).sqrt();
+        speed_limits[i] = speed_limits[i].min(reachable);
     }
 }
 
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn following_ends_at_the_leads_speed_and_the_least_bound_wins() {
         let stations: Vec<f64> = (0..=10).map(f64::from).collect();
-        let following = following_caps(&stations, 8.0, 3.0, 2.0);
+        let following = following_speed_limits(&stations, 8.0, 3.0, 2.0);
         assert_eq!((following[8], following[10]), (3.0, 3.0));
         assert!((following[0] - 41.0_f64.sqrt()).abs() < 1e-12);
         let rule = vec![5.0; 11];
@@ -124,13 +124,13 @@ mod tests {
     #[test]
     fn caps_can_be_followed_with_the_deceleration_they_were_made_for() {
         let stations: Vec<f64> = (0..=40).map(|i| 0.5 * f64::from(i)).collect();
-        let mut caps = vec![12.0; 41];
-        caps[30] = 3.0;
-        make_reachable(&stations, &mut caps, 1.5);
-        for w in caps.windows(2) {
+        let mut speed_limits = vec![12.0; 41];
+        speed_limits[30] = 3.0;
+        make_reachable(&stations, &mut speed_limits, 1.5);
+        for w in speed_limits.windows(2) {
             assert!(w[0] * w[0] - w[1] * w[1] <= 2.0 * 1.5 * 0.5 + 1e-9, "{w:?}");
         }
-        assert_eq!(caps[30], 3.0);
-        assert_eq!(*braking_caps(&stations, 1.5).last().unwrap(), 0.0);
+        assert_eq!(speed_limits[30], 3.0);
+        assert_eq!(*braking_speed_limits(&stations, 1.5).last().unwrap(), 0.0);
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! - **The clip.** When v² < 2dΔs the vehicle stops inside the cell. The deceleration is clipped so that rest falls on the
 //!   next node; without it most start speeds could never reach exactly zero, and every proof would fail.
-//! - **Lost states** ([`super::outlook`]) are dropped when they are popped and count as expanded.
+//! - **Lost states** ([`super::inevitable_collision`]) are dropped when they are popped and count as expanded.
 //!
 //! Duplicates are states of one node, one speed bin and one time bin ([`Resolution`]); a key packs the three into a `u64`.
 //! Where nothing moves, all times are one bin. Nodes, open list and closed list keep their memory from search to search:
@@ -17,7 +17,7 @@ use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
 
-use super::outlook::Outlook;
+use super::inevitable_collision::InevitableCollision;
 use super::{Resolution, SpeedPlan, SpeedProblem, SpeedState, Statistics};
 
 /// Speeds below this are rest (m/s): a rounding guard, far below the slowest speed an edge can produce.
@@ -126,7 +126,7 @@ pub(super) struct Lattice<'a> {
     pub(super) problem: &'a SpeedProblem,
     pub(super) resolution: Resolution,
     time_matters: bool,
-    outlook: Outlook<'a>,
+    inevitable_collision: InevitableCollision<'a>,
     memory: Memory,
     pub(super) statistics: Statistics,
     /// Which budget ended a search, if one did.
@@ -190,9 +190,10 @@ impl<'a> Lattice<'a> {
         memory.front.clear();
         memory.aside.clear();
         let time_matters = problem.time_matters() || resolution.always_timed;
-        let outlook = Outlook::new(problem);
+        let inevitable_collision = InevitableCollision::new(problem);
         let statistics = Statistics::default();
-        let mut lattice = Self { problem, resolution, time_matters, outlook, memory, statistics, spent: None };
+        let mut lattice =
+            Self { problem, resolution, time_matters, inevitable_collision, memory, statistics, spent: None };
         let root = SpeedState { node: 0, speed: problem.start_speed, time: problem.start_time };
         let key = lattice.key(&root);
         lattice.memory.nodes.push(Node { state: root, parent: NO_PARENT, key });
@@ -212,7 +213,7 @@ impl<'a> Lattice<'a> {
     /// Whether the state is a safe one: at rest, where resting is allowed, untouched to the horizon.
     pub(super) fn is_safe(&self, index: usize) -> bool {
         let state = self.state(index);
-        state.speed <= REST && self.problem.is_safe_rest(state.node, state.time)
+        state.speed <= REST && self.problem.is_safe_standstill(state.node, state.time)
     }
 
     /// Makes `from` the only open state.
@@ -243,7 +244,7 @@ impl<'a> Lattice<'a> {
             if !self.memory.front.closed.insert(*key) {
                 continue;
             }
-            if !self.outlook.is_lost(state, braking) {
+            if !self.inevitable_collision.is_inevitable_collision(state, braking) {
                 return Some(index);
             }
             if !self.charge(budget) {
@@ -375,7 +376,7 @@ impl Rules<'_> {
             return;
         }
         let ds = p.stations[from.node + 1] - p.stations[from.node];
-        let (v2, cap) = (from.speed * from.speed, p.caps[from.node + 1]);
+        let (v2, cap) = (from.speed * from.speed, p.speed_limits[from.node + 1]);
         let limits = &p.limits;
         // A start above the cap may stay above it while it brakes as hard as this phase allows.
         let lowest = (v2 - 2.0 * self.braking * ds).max(0.0).sqrt();
@@ -405,7 +406,7 @@ impl Rules<'_> {
     /// Waiting at rest: allowed where the pose stays free for the waiting time.
     fn waited(&self, from: &SpeedState) -> Option<SpeedState> {
         let time = from.time + self.wait?;
-        let free = time <= self.problem.horizon && !self.problem.is_rest_blocked(from.node, from.time, time);
+        let free = time <= self.problem.horizon && !self.problem.is_standstill_blocked(from.node, from.time, time);
         free.then_some(SpeedState { time, ..*from })
     }
 

@@ -17,10 +17,10 @@
 //! grid and not for the continuum; edges have unbounded jerk until they are smoothed.
 
 pub mod bounds;
+mod inevitable_collision;
 mod lattice;
 mod naive;
 mod outcome;
-mod outlook;
 mod plan_to_stop;
 mod problem;
 pub mod profiles;
@@ -31,7 +31,7 @@ pub mod smoothing;
 pub mod tail;
 
 pub use lattice::{Budget, ProofOrder};
-pub use outcome::{Nothing, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
+pub use outcome::{NoPlan, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
 pub use problem::{ProblemError, SpeedProblem};
 pub use prove::{Refutation, prove};
 
@@ -84,7 +84,7 @@ pub fn search(
     Ok(match plan {
         Some(plan) if strategy == Strategy::Naive => SpeedOutcome::Unproven { plan, statistics },
         Some(plan) => SpeedOutcome::Proven { plan, statistics },
-        None => SpeedOutcome::Nothing { why: Nothing::of(problem, spent), statistics },
+        None => SpeedOutcome::NoPlan { why: NoPlan::of(problem, spent), statistics },
     })
 }
 
@@ -145,10 +145,10 @@ pub(crate) mod test_support {
         let cells = (length / 0.5).round() as usize;
         SpeedProblem {
             stations: (0..=cells).map(|i| 0.5 * i as f64).collect(),
-            caps: vec![15.0; cells + 1],
+            speed_limits: vec![15.0; cells + 1],
             blocked: vec![Vec::new(); cells],
             blocked_at_start: Vec::new(),
-            rest_allowed: vec![true; cells + 1],
+            stopping_allowed: vec![true; cells + 1],
             start_speed,
             start_time: 0.0,
             horizon: 30.0,

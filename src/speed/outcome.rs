@@ -33,7 +33,7 @@ impl SpeedPlan {
         };
         let end = (0..self.states.len()).find(|&i| {
             let s = &self.states[i];
-            s.speed <= REST && leaves(i) - s.time >= wait && problem.is_safe_rest(s.node, s.time)
+            s.speed <= REST && leaves(i) - s.time >= wait && problem.is_safe_standstill(s.node, s.time)
         });
         if let Some(end) = end {
             self.states.truncate(end + 1);
@@ -75,9 +75,9 @@ pub enum SpeedOutcome {
         statistics: Statistics,
     },
     /// No plan.
-    Nothing {
+    NoPlan {
         /// Why.
-        why: Nothing,
+        why: NoPlan,
         /// How that was found out.
         statistics: Statistics,
     },
@@ -85,7 +85,7 @@ pub enum SpeedOutcome {
 
 /// Why a search found no plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Nothing {
+pub enum NoPlan {
     /// Even the hardest braking from the start needs more road than there is.
     CannotStop {
         /// Distance that it needs, m.
@@ -97,7 +97,7 @@ pub enum Nothing {
     Spent(Budget),
 }
 
-impl Nothing {
+impl NoPlan {
     pub(super) fn of(problem: &SpeedProblem, spent: Option<Budget>) -> Self {
         let needed = problem.start_speed.powi(2) / (2.0 * problem.limits.aggressive_deceleration);
         let room = problem.end() - problem.stations.first().copied().unwrap_or_default();
@@ -115,7 +115,7 @@ impl SpeedOutcome {
     #[must_use]
     pub fn statistics(&self) -> &Statistics {
         match self {
-            Self::Proven { statistics, .. } | Self::Unproven { statistics, .. } | Self::Nothing { statistics, .. } => {
+            Self::Proven { statistics, .. } | Self::Unproven { statistics, .. } | Self::NoPlan { statistics, .. } => {
                 statistics
             }
         }
@@ -127,10 +127,10 @@ impl SpeedOutcome {
         match self {
             Self::Proven { .. } => "proven",
             Self::Unproven { .. } => "unproven",
-            Self::Nothing { why: Nothing::CannotStop { .. }, .. } => "cannot_stop",
-            Self::Nothing { why: Nothing::NoSafeState, .. } => "no_safe_state",
-            Self::Nothing { why: Nothing::Spent(Budget::Expansions), .. } => "expansion_budget",
-            Self::Nothing { why: Nothing::Spent(Budget::Memory), .. } => "memory_budget",
+            Self::NoPlan { why: NoPlan::CannotStop { .. }, .. } => "cannot_stop",
+            Self::NoPlan { why: NoPlan::NoSafeState, .. } => "no_safe_state",
+            Self::NoPlan { why: NoPlan::Spent(Budget::Expansions), .. } => "expansion_budget",
+            Self::NoPlan { why: NoPlan::Spent(Budget::Memory), .. } => "memory_budget",
         }
     }
 
@@ -139,7 +139,7 @@ impl SpeedOutcome {
     pub fn proven(self) -> Option<SpeedPlan> {
         match self {
             Self::Proven { plan, .. } => Some(plan),
-            Self::Unproven { .. } | Self::Nothing { .. } => None,
+            Self::Unproven { .. } | Self::NoPlan { .. } => None,
         }
     }
 }

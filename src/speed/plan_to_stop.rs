@@ -26,7 +26,7 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
         let mut index = 0;
         // waiting adds to the layer while it is gone through
         while let Some(&state) = layers.here.get(index) {
-            if state.speed <= REST && lattice.problem.is_safe_rest(node, state.time) {
+            if state.speed <= REST && lattice.problem.is_safe_standstill(node, state.time) {
                 best = better(best, Best { node, index, time: state.time });
             }
             if !lattice.charge_with(&mut budget, layers.bytes(node) + seen[0].bytes() + seen[1].bytes()) {

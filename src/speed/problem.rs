@@ -10,13 +10,13 @@ pub struct SpeedProblem {
     /// Nodes, m along the path, increasing. Cell `i` lies between nodes `i` and `i + 1`.
     pub stations: Vec<f64>,
     /// Highest speed allowed at each node, m/s; inside a cell the higher one of its two nodes.
-    pub caps: Vec<f64>,
+    pub speed_limits: Vec<f64>,
     /// For each cell the time intervals in which it is blocked, sorted and disjoint.
     pub blocked: Vec<Vec<TimeInterval>>,
     /// Time intervals in which the pose at the first node itself is blocked, sorted and disjoint.
     pub blocked_at_start: Vec<TimeInterval>,
     /// Whether coming to rest at each node is allowed (not inside a crossing or junction).
-    pub rest_allowed: Vec<bool>,
+    pub stopping_allowed: Vec<bool>,
     /// Speed at the first node, m/s.
     pub start_speed: f64,
     /// Time at the first node, s of the run.
@@ -96,7 +96,7 @@ impl SpeedProblem {
     /// Whether a vehicle at rest at node `i` is touched at any moment of `[from, to]`. A node belongs to the cells on
     /// both sides: at each moment, being free in either proves it.
     #[must_use]
-    pub fn is_rest_blocked(&self, node: usize, from: f64, to: f64) -> bool {
+    pub fn is_standstill_blocked(&self, node: usize, from: f64, to: f64) -> bool {
         let behind = if node == 0 { &self.blocked_at_start } else { &self.blocked[node - 1] };
         match self.blocked.get(node) {
             None => overlaps(behind, from, to),
@@ -109,8 +109,8 @@ impl SpeedProblem {
 
     /// A safe state: at rest where resting is allowed, untouched from `time` to the horizon.
     #[must_use]
-    pub fn is_safe_rest(&self, node: usize, time: f64) -> bool {
-        self.rest_allowed[node] && !self.is_rest_blocked(node, time, self.horizon.max(time))
+    pub fn is_safe_standstill(&self, node: usize, time: f64) -> bool {
+        self.stopping_allowed[node] && !self.is_standstill_blocked(node, time, self.horizon.max(time))
     }
 
     /// Whether anything moves near this path at all. If not, time does not tell states apart.
@@ -138,10 +138,10 @@ impl SpeedProblem {
         let cells = cells as usize;
         let problem = Self {
             stations: (0..=cells).map(|i| length * i as f64 / cells as f64).collect(),
-            caps: vec![cap; cells + 1],
+            speed_limits: vec![cap; cells + 1],
             blocked: vec![Vec::new(); cells],
             blocked_at_start: Vec::new(),
-            rest_allowed: vec![true; cells + 1],
+            stopping_allowed: vec![true; cells + 1],
             start_speed,
             start_time: 0.0,
             horizon: 0.0,
@@ -162,8 +162,8 @@ impl SpeedProblem {
         };
         value("number of stations", nodes as f64, (1..MOST_NODES).contains(&nodes), "between 1 and 65535")?;
         for (what, got, expected) in [
-            ("caps", self.caps.len(), nodes),
-            ("rest_allowed", self.rest_allowed.len(), nodes),
+            ("speed_limits", self.speed_limits.len(), nodes),
+            ("stopping_allowed", self.stopping_allowed.len(), nodes),
             ("blocked", self.blocked.len(), nodes - 1),
         ] {
             if got != expected {
@@ -178,7 +178,7 @@ impl SpeedProblem {
                 return Err(ProblemError::Stations { index: index + 1, station: pair[1] });
             }
         }
-        let cap = self.caps.iter().copied().find(|c| c.is_nan() || *c < 0.0);
+        let cap = self.speed_limits.iter().copied().find(|c| c.is_nan() || *c < 0.0);
         value("cap", cap.unwrap_or(0.0), cap.is_none(), "a speed, not negative")?;
         self.limits.validate()?;
         let speed = self.start_speed;
@@ -272,15 +272,15 @@ mod tests {
         for bad in [-0.1, f64::NAN, f64::INFINITY] {
             assert!(named(&|p| p.start_speed = bad).starts_with("start speed"));
         }
-        assert!(named(&|p| p.caps[3] = f64::NAN).starts_with("cap"));
-        assert!(named(&|p| p.caps[3] = -1.0).starts_with("cap"));
+        assert!(named(&|p| p.speed_limits[3] = f64::NAN).starts_with("cap"));
+        assert!(named(&|p| p.speed_limits[3] = -1.0).starts_with("cap"));
         assert!(named(&|p| p.start_time = f64::INFINITY).starts_with("start time"));
         assert!(named(&|p| p.horizon = f64::NAN).starts_with("horizon"));
         assert!(named(&|p| p.stations[3] = p.stations[2]).starts_with("station 3"));
         assert!(named(&|p| p.stations[20] = f64::INFINITY).starts_with("station 20"));
-        assert!(named(&|p| p.caps.truncate(20)).starts_with("caps has 20"));
+        assert!(named(&|p| p.speed_limits.truncate(20)).starts_with("speed_limits has 20"));
         assert!(named(&|p| p.blocked.truncate(19)).starts_with("blocked has 19"));
-        assert!(named(&|p| p.rest_allowed.truncate(20)).starts_with("rest_allowed"));
+        assert!(named(&|p| p.stopping_allowed.truncate(20)).starts_with("stopping_allowed"));
         assert!(named(&|p| p.stations.clear()).starts_with("number of stations"));
     }
 

@@ -60,7 +60,7 @@ fn checked(values: &[(&'static str, f64)], limits: &AccelerationLimits) -> Resul
 }
 
 impl Ramp {
-    /// The ramp from `start_speed` to `wanted_speed` (m/s) over `way` metres: exactly there if the limits allow it (the
+    /// The ramp from `start_speed` to `reference_speed` (m/s) over `way` metres: exactly there if the limits allow it (the
     /// comfortable deceleration, when braking). With the acceleration clamped it reaches the speed later, never within the
     /// way, or not at all.
     ///
@@ -68,17 +68,17 @@ impl Ramp {
     /// [`ProblemError::Value`] for a number that can't be one.
     pub fn new(
         start_speed: f64,
-        wanted_speed: f64,
+        reference_speed: f64,
         way: f64,
         limits: &AccelerationLimits,
     ) -> Result<Self, ProblemError> {
-        checked(&[("start speed", start_speed), ("wanted speed", wanted_speed), ("way", way)], limits)?;
-        let squares = wanted_speed * wanted_speed - start_speed * start_speed;
+        checked(&[("start speed", start_speed), ("wanted speed", reference_speed), ("way", way)], limits)?;
+        let squares = reference_speed * reference_speed - start_speed * start_speed;
         // no way at all asks for an unbounded acceleration, which the limits clamp
         let needed = if squares == 0.0 { 0.0 } else { squares / (2.0 * way) };
         let acceleration = needed.clamp(-limits.deceleration, limits.acceleration);
         let clamped = acceleration != needed;
-        let end_speed = if clamped { speed_after(start_speed, acceleration, way) } else { wanted_speed };
+        let end_speed = if clamped { speed_after(start_speed, acceleration, way) } else { reference_speed };
         Ok(Self { start_speed, acceleration, end: way, end_speed })
     }
 

@@ -8,12 +8,12 @@ use crate::trajectory::{SpeedKnot, SpeedProfile};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Refutation {
     /// It does not end at rest.
-    NotAtRest {
+    NotAtStandstill {
         /// Final speed, m/s.
         speed: f64,
     },
     /// It ends where resting is not allowed, or where an obstacle comes by before the horizon.
-    UnsafeRest {
+    UnsafeStandstill {
         /// Station of rest, m.
         station: f64,
     },
@@ -53,19 +53,19 @@ pub enum Refutation {
 impl Refutation {
     /// Every code, in the order of the checks.
     pub const CODES: [&'static str; 7] =
-        ["too_hard", "not_at_rest", "past_the_end", "backwards", "blocked", "too_fast", "unsafe_rest"];
+        ["too_hard", "not_at_standstill", "past_the_end", "backwards", "blocked", "too_fast", "unsafe_standstill"];
 
     /// The stable code used in reports.
     #[must_use]
     pub fn code(self) -> &'static str {
         match self {
             Self::TooHard { .. } => "too_hard",
-            Self::NotAtRest { .. } => "not_at_rest",
+            Self::NotAtStandstill { .. } => "not_at_standstill",
             Self::PastTheEnd { .. } => "past_the_end",
             Self::Backwards { .. } => "backwards",
             Self::Blocked { .. } => "blocked",
             Self::TooFast { .. } => "too_fast",
-            Self::UnsafeRest { .. } => "unsafe_rest",
+            Self::UnsafeStandstill { .. } => "unsafe_standstill",
         }
     }
 }
@@ -84,7 +84,7 @@ const ACCELERATION_SLACK: f64 = 0.02;
 /// Distance within which the profile counts as standing on a node (m): far below any margin, far above rounding.
 const ON_NODE: f64 = 1e-7;
 
-/// Proves that the profile ends at rest in a safe state without entering a blocked cell, within caps and accelerations.
+/// Proves that the profile ends at rest in a safe state without entering a blocked cell, within speed_limits and accelerations.
 /// The profile's time 0 is the problem's start time and its stations are those of the problem.
 ///
 /// # Errors
@@ -92,14 +92,14 @@ const ON_NODE: f64 = 1e-7;
 pub fn prove(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
     accelerations_hold(problem, profile)?;
     let end = profile.last();
-    if !profile.ends_at_rest() {
-        return Err(Refutation::NotAtRest { speed: end.speed });
+    if !profile.ends_at_standstill() {
+        return Err(Refutation::NotAtStandstill { speed: end.speed });
     }
     if end.station > problem.end() + STATION_SLACK {
         return Err(Refutation::PastTheEnd { station: end.station });
     }
     cells_hold(problem, profile)?;
-    rest_holds(problem, end.station, problem.start_time + end.time)
+    standstill_holds(problem, end.station, problem.start_time + end.time)
 }
 
 fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
@@ -119,7 +119,7 @@ fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<
     Ok(())
 }
 
-/// Every node passed, and every cell between two of them, must be free while the profile is there; caps must hold.
+/// Every node passed, and every cell between two of them, must be free while the profile is there; speed_limits must hold.
 fn cells_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
     for pair in profile.knots().windows(2) {
         if pair[1].station < pair[0].station - STATION_SLACK {
@@ -140,7 +140,7 @@ fn cells_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refu
         cap_holds(problem, profile, cell, (leaves, until))?;
         let Some(arrives) = arrives else { break };
         leaves = last_time_at(profile, far_node);
-        if problem.is_rest_blocked(cell + 1, absolute(arrives), absolute(leaves)) {
+        if problem.is_standstill_blocked(cell + 1, absolute(arrives), absolute(leaves)) {
             return Err(Refutation::Blocked { cell, time: absolute(arrives) });
         }
     }
@@ -157,8 +157,8 @@ fn cap_holds(
     let first = profile.knots().partition_point(|k| k.time < from);
     let inner = profile.knots()[first..].iter().take_while(|k| k.time <= to).map(|k| k.speed);
     let fastest = inner.chain([from, to].map(|t| profile.at(t).speed)).fold(0.0, f64::max);
-    let inside = fastest - problem.caps[cell].max(problem.caps[cell + 1]).max(braked);
-    let arriving = profile.at(to).speed - problem.caps[cell + 1].max(braked);
+    let inside = fastest - problem.speed_limits[cell].max(problem.speed_limits[cell + 1]).max(braked);
+    let arriving = profile.at(to).speed - problem.speed_limits[cell + 1].max(braked);
     // braking from above the cap is a start state's right, as long as it gets no faster
     let excess = inside.max(arriving);
     if excess > SPEED_SLACK { Err(Refutation::TooFast { cell, excess }) } else { Ok(()) }
@@ -230,19 +230,19 @@ fn braked_from(problem: &SpeedProblem, start: &SpeedKnot, cell: usize) -> f64 {
     (turned.speed * turned.speed - 2.0 * braking * beyond).max(0.0).sqrt()
 }
 
-fn rest_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), Refutation> {
+fn standstill_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), Refutation> {
     // the nodes around the station: rest must be allowed at both, and free in the cell between them
     let after = problem.stations.partition_point(|&s| s < station - STATION_SLACK).min(problem.cells());
     let on_node = (problem.stations[after] - station).abs() <= STATION_SLACK;
     let safe = if on_node {
-        problem.is_safe_rest(after, time)
+        problem.is_safe_standstill(after, time)
     } else {
         let before = after.saturating_sub(1);
-        problem.rest_allowed[before]
-            && problem.rest_allowed[after]
+        problem.stopping_allowed[before]
+            && problem.stopping_allowed[after]
             && !problem.is_blocked(before, time, problem.horizon.max(time))
     };
-    if safe { Ok(()) } else { Err(Refutation::UnsafeRest { station }) }
+    if safe { Ok(()) } else { Err(Refutation::UnsafeStandstill { station }) }
 }
 
 #[cfg(test)]
@@ -274,17 +274,17 @@ mod tests {
         assert_eq!(prove(&blocked, &cruise_and_brake(2.0)), Ok(()));
 
         let mut capped = clean.clone();
-        capped.caps[61] = 4.0;
+        capped.speed_limits[61] = 4.0;
         assert!(matches!(prove(&capped, &cruise_and_brake(2.0)), Err(Refutation::TooFast { cell: 60, .. })));
 
         let mut junction = clean.clone();
-        junction.rest_allowed[90] = false; // rest is at 45 m
-        assert!(matches!(prove(&junction, &cruise_and_brake(2.0)), Err(Refutation::UnsafeRest { .. })));
+        junction.stopping_allowed[90] = false; // rest is at 45 m
+        assert!(matches!(prove(&junction, &cruise_and_brake(2.0)), Err(Refutation::UnsafeStandstill { .. })));
 
         let mut visited = clean.clone();
         visited.blocked[89] = vec![(20.0, 21.0)];
         visited.blocked[90] = vec![(20.0, 21.0)];
-        assert!(matches!(prove(&visited, &cruise_and_brake(2.0)), Err(Refutation::UnsafeRest { .. })));
+        assert!(matches!(prove(&visited, &cruise_and_brake(2.0)), Err(Refutation::UnsafeStandstill { .. })));
 
         let mut gentle = clean;
         gentle.limits.aggressive_deceleration = 1.9;
@@ -321,6 +321,6 @@ mod tests {
     fn a_profile_that_never_stops_is_refuted() {
         let knot = |time, station| SpeedKnot { time, station, speed: 10.0, acceleration: 0.0, jerk: 0.0 };
         let profile = SpeedProfile::new(vec![knot(0.0, 0.0), knot(3.0, 30.0)]).unwrap();
-        assert_eq!(prove(&empty_road(60.0, 10.0), &profile), Err(Refutation::NotAtRest { speed: 10.0 }));
+        assert_eq!(prove(&empty_road(60.0, 10.0), &profile), Err(Refutation::NotAtStandstill { speed: 10.0 }));
     }
 }

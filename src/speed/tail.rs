@@ -6,7 +6,7 @@
 //! in either.
 //!
 //! A plan *creeps* for the time that it moves at less than [`CRAWL`] before its final rest, beyond what a comfortable stop
-//! from that speed takes, and it is told as creeping above [`PATIENCE`]. Before smoothing, at a second less, the tail is laid anew: to the same rest as fast as caps and
+//! from that speed takes, and it is told as creeping above [`PATIENCE`]. Before smoothing, at a second less, the tail is laid anew: to the same rest as fast as speed_limits and
 //! comfort allow, or, if something is in the way, to rest at once. What is laid anew is proved anew; the creeping tail
 //! stands if that fails, as it does behind a queue that creeps itself.
 
@@ -51,14 +51,14 @@ pub fn without_creeping(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<Spee
         .find(|other| creeps(other).is_some_and(|(creeps, profile)| !creeps && prove(problem, &profile).is_ok()))
 }
 
-/// As fast as caps and comfort allow from one of the plan's states to rest at a node.
+/// As fast as speed_limits and comfort allow from one of the plan's states to rest at a node.
 fn on_to(problem: &SpeedProblem, plan: &SpeedPlan, from: usize, rest: usize) -> Option<SpeedPlan> {
     let stations = &problem.stations;
     let limits = &problem.limits;
     let slowing = |node: usize| (2.0 * limits.deceleration * (stations[rest] - stations[node])).max(0.0).sqrt();
     extended(problem, plan, from, |state, ds| {
         let faster = (state.speed * state.speed + 2.0 * limits.acceleration * ds).sqrt();
-        faster.min(problem.caps[state.node + 1]).min(slowing(state.node + 1))
+        faster.min(problem.speed_limits[state.node + 1]).min(slowing(state.node + 1))
     })
 }
 
@@ -169,7 +169,7 @@ mod tests {
         assert_eq!(prove(&problem, &profile(&problem, &plan)), Ok(()));
         let other = without_creeping(&problem, &plan).expect("resting at once is free");
         assert!(other.states.last().unwrap().node <= 2);
-        problem.rest_allowed[..30].fill(false);
+        problem.stopping_allowed[..30].fill(false);
         assert_eq!(prove(&problem, &profile(&problem, &plan)), Ok(()));
         assert_eq!(without_creeping(&problem, &plan), None, "no other tail can be proved");
     }

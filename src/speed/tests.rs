@@ -55,7 +55,7 @@ fn too_fast_to_stop_on_the_road_is_an_outcome() {
     let short = empty_road(22.5, 10.0);
     for strategy in PROVING {
         let outcome = search(&short, strategy, &Resolution::default()).unwrap();
-        let SpeedOutcome::Nothing { why: Nothing::CannotStop { needed }, .. } = outcome else {
+        let SpeedOutcome::NoPlan { why: NoPlan::CannotStop { needed }, .. } = outcome else {
             panic!("{strategy:?}: {outcome:?}")
         };
         assert!((needed - 100.0 / 4.4).abs() < 1e-9, "{needed}");
@@ -66,7 +66,7 @@ fn too_fast_to_stop_on_the_road_is_an_outcome() {
 #[test]
 fn a_start_above_the_cap_brakes_down_to_it() {
     let mut problem = empty_road(100.0, 18.0);
-    problem.caps = vec![10.0; problem.caps.len()];
+    problem.speed_limits = vec![10.0; problem.speed_limits.len()];
     let plan = proven(&problem);
     let reached = plan.states.iter().position(|s| s.speed <= 10.0).unwrap();
     assert!(plan.states[reached..].iter().all(|s| s.speed <= 10.0));
@@ -83,7 +83,7 @@ fn each_budget_ends_a_search_with_its_name() {
         let outcome = search(&problem, Strategy::PlanToStop, &timed).unwrap();
         // it may have met a safe state by then, and keeps to it
         match outcome {
-            SpeedOutcome::Nothing { why, .. } => assert_eq!(why, Nothing::Spent(budget)),
+            SpeedOutcome::NoPlan { why, .. } => assert_eq!(why, NoPlan::Spent(budget)),
             SpeedOutcome::Proven { ref plan, .. } => assert!(plan.states.last().unwrap().node < 100),
             SpeedOutcome::Unproven { .. } => panic!("{outcome:?}"),
         }
@@ -148,7 +148,7 @@ fn a_plan_cut_at_a_long_wait_is_still_proven() {
 fn rest_inside_a_junction_is_no_proof() {
     let mut problem = empty_road(30.0, 5.0);
     for node in 20..=60 {
-        problem.rest_allowed[node] = false;
+        problem.stopping_allowed[node] = false;
     }
     let plan = proven(&problem);
     assert!(plan.states.last().unwrap().node < 20);
@@ -171,13 +171,13 @@ fn a_rear_vehicle_that_sweeps_the_road_leaves_no_safe_rest_before_it_has_passed(
 /// Depth-first enumeration of everything reachable with some decelerations, without any closed list: slow and plain.
 fn safe_state_exists(problem: &SpeedProblem, s: SpeedState, decelerations: &[f64]) -> bool {
     if s.speed <= REST {
-        if problem.is_safe_rest(s.node, s.time) {
+        if problem.is_safe_standstill(s.node, s.time) {
             return true;
         }
         let later = SpeedState { time: s.time + exact().wait, ..s };
         if problem.time_matters()
             && later.time <= problem.horizon
-            && !problem.is_rest_blocked(s.node, s.time, later.time)
+            && !problem.is_standstill_blocked(s.node, s.time, later.time)
             && safe_state_exists(problem, later, decelerations)
         {
             return true;
@@ -188,7 +188,7 @@ fn safe_state_exists(problem: &SpeedProblem, s: SpeedState, decelerations: &[f64
     }
     let ds = problem.stations[s.node + 1] - problem.stations[s.node];
     [problem.limits.acceleration, 0.0].into_iter().chain(decelerations.iter().map(|d| -d)).any(|a| {
-        let v = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(problem.caps[s.node + 1]);
+        let v = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(problem.speed_limits[s.node + 1]);
         if s.speed + v <= REST {
             return false;
         }
@@ -204,7 +204,7 @@ fn small_problem() -> impl Generator<Value = SpeedProblem> {
         |(speed, blocks, rest)| {
             let mut p = empty_road(3.0, speed);
             p.horizon = 8.0;
-            p.rest_allowed = rest;
+            p.stopping_allowed = rest;
             for (cell, from, length) in blocks {
                 if p.blocked[cell].is_empty() {
                     p.blocked[cell] = vec![(from, from + length)];
@@ -261,7 +261,7 @@ proptest! {
             braking: problem.limits.deceleration,
         };
         while let Some(s) = todo.pop() {
-            if s.speed <= REST && problem.is_safe_rest(s.node, s.time) {
+            if s.speed <= REST && problem.is_safe_standstill(s.node, s.time) {
                 let better = best.is_none_or(|(node, time)| s.node > node || s.node == node && s.time < time);
                 best = if better { Some((s.node, s.time)) } else { best };
             }

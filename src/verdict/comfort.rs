@@ -1,13 +1,13 @@
 //! `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk`: the filtered accelerations of the
 //! centre of mass, from signals of at least [`LEAST_RATE`].
 
-use super::{Check, ComfortPreset, Settings, zero_phase_low_pass};
+use super::{Check, ComfortPreset, Settings, Status, zero_phase_low_pass};
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
 /// What a passenger feels: the log's accelerations on a uniform time grid, filtered.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Felt {
+pub(super) struct FilteredMotion {
     pub(super) moments: Vec<Moment>,
     /// Samples per second.
     pub(super) rate: f64,
@@ -29,7 +29,7 @@ pub(super) struct Moment {
 const LEAST_RATE: f64 = 100.0;
 const RATE_TOLERANCE: f64 = 0.01;
 
-impl Felt {
+impl FilteredMotion {
     pub(super) fn new(log: &Log, cutoff: f64) -> Self {
         let (Some(first), Some(last)) = (log.samples.first(), log.samples.last()) else { return Self::default() };
         let steps = log.samples.len() - 1;
@@ -86,11 +86,11 @@ pub(crate) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
 }
 
 /// The checks, `comfort_lateral_jerk` only where the preset has a limit for it. A run shorter than a period of the filter's
-/// frequency (half a second) has felt nothing that it could tell from the ends of the log, and passes; signals that are too slow to judge fail, each check with the time between two samples.
+/// frequency (half a second) has filtered nothing that it could tell from the ends of the log, and passes; signals that are too slow to judge fail, each check with the time between two samples.
 pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<Check> {
-    let felt = Felt::new(log, settings.comfort_cutoff);
+    let filtered = FilteredMotion::new(log, settings.comfort_cutoff);
     let limits = settings.comfort.limits(&vehicle.comfort, settings.comfort_margin);
-    let judge = Judge { felt: &felt, filter: filter(&felt, settings) };
+    let judge = Judge { filtered: &filtered, filter: filter(&filtered, settings) };
     let mut checks = vec![
         judge.check(
             "comfort_longitudinal",
@@ -122,7 +122,7 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
 }
 
 /// How the signals were made and what they are held against, for the notes.
-fn filter(felt: &Felt, settings: &Settings) -> String {
+fn filter(filtered: &FilteredMotion, settings: &Settings) -> String {
     let limits = match settings.comfort {
         ComfortPreset::Safetlp => {
             format!("limit with {:.0} % for the tracking controller", 100.0 * settings.comfort_margin)
@@ -130,11 +130,11 @@ fn filter(felt: &Felt, settings: &Settings) -> String {
         published => format!("limits of {}", published.name()),
     };
     let cutoff = settings.comfort_cutoff;
-    format!("zero-phase Butterworth low-pass at {cutoff} Hz, {:.0} samples/s, {limits}", felt.rate)
+    format!("zero-phase Butterworth low-pass at {cutoff} Hz, {:.0} samples/s, {limits}", filtered.rate)
 }
 
 struct Judge<'f> {
-    felt: &'f Felt,
+    filtered: &'f FilteredMotion,
     filter: String,
 }
 
@@ -148,14 +148,14 @@ impl Judge<'_> {
         limit: &dyn Fn(&Moment) -> f64,
         what: &str,
     ) -> Check {
-        if self.felt.rate > 0.0 && self.felt.rate < LEAST_RATE * (1.0 - RATE_TOLERANCE) {
-            return too_slow(name, self.felt);
+        if self.filtered.rate > 0.0 && self.filtered.rate < LEAST_RATE * (1.0 - RATE_TOLERANCE) {
+            return too_slow(name, self.filtered);
         }
-        let worst = self.felt.worst(|m| value(m).abs() / limit(m)).map(|(_, m)| m);
+        let worst = self.filtered.worst(|m| value(m).abs() / limit(m)).map(|(_, m)| m);
         let (value, limit) = worst.map_or((0.0, 0.0), |m| (value(&m), limit(&m)));
         Check {
             name,
-            pass: value.abs() <= limit,
+            status: Status::of(value.abs() <= limit),
             value: value.abs(),
             limit,
             unit,
@@ -166,15 +166,15 @@ impl Judge<'_> {
 }
 
 /// Signals that nobody can judge comfort by: the value is the time between two samples.
-fn too_slow(name: &'static str, felt: &Felt) -> Check {
+fn too_slow(name: &'static str, filtered: &FilteredMotion) -> Check {
     Check {
         name,
-        pass: false,
-        value: 1.0 / felt.rate,
+        status: Status::Fail,
+        value: 1.0 / filtered.rate,
         limit: 1.0 / LEAST_RATE,
         unit: "s",
-        at_time: felt.moments.first().map(|m| m.time),
-        note: format!("{:.0} samples/s in the log; comfort is judged by at least {LEAST_RATE:.0}", felt.rate),
+        at_time: filtered.moments.first().map(|m| m.time),
+        note: format!("{:.0} samples/s in the log; comfort is judged by at least {LEAST_RATE:.0}", filtered.rate),
     }
 }
 

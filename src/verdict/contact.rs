@@ -2,7 +2,7 @@
 
 use super::cells;
 use super::shapes::{footprint_at, gap};
-use super::{Check, Settings};
+use super::{Check, Settings, Status};
 use crate::geometry::Point;
 use crate::map::{ConvexPart, Motion, Obstacle, Scenario};
 use crate::simulation::Log;
@@ -80,7 +80,7 @@ pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, sett
     };
     Check {
         name: "no_contact",
-        pass: log.contact.is_none() && overlap.is_none() && in_cells.is_none(),
+        status: Status::of(log.contact.is_none() && overlap.is_none() && in_cells.is_none()),
         value: depth,
         limit: settings.contact_tolerance,
         unit: "m",

@@ -23,9 +23,9 @@
 
 use std::cmp::Ordering;
 
-use super::comfort::Felt;
+use super::comfort::FilteredMotion;
 use super::road::Road;
-use super::{Check, Settings, cells, contact};
+use super::{Check, Settings, Status, cells, contact};
 use crate::geometry::Pose;
 use crate::map::{Motion, Scenario};
 use crate::simulation::{Log, Sample};
@@ -36,7 +36,7 @@ use crate::vehicle::Vehicle;
 const FARTHEST_START: f64 = 1.5;
 /// How long the braking of the plan before may last in full, s: the lag of the brakes.
 const HANDOVER: f64 = 0.1;
-/// How fast it has to be released then, m/s³: a gentler release is felt as brakes that stick.
+/// How fast it has to be released then, m/s³: a gentler release is filtered as brakes that stick.
 const RELEASE: f64 = 1.5;
 /// Time between two looks at a vehicle that rests, s.
 const WATCH: f64 = 0.02;
@@ -45,7 +45,7 @@ const ROAD_SPACING: f64 = 0.5;
 
 /// A world that went its own way from a moment of the run: nobody planned in it.
 #[derive(Debug, Clone, Copy)]
-pub struct Fork<'a> {
+pub struct FallbackBranch<'a> {
     /// Number of the planning cycle, from 0.
     pub cycle: usize,
     /// Whether the plan had changed in that cycle; if not, it is a regular sample.
@@ -123,7 +123,7 @@ impl Finding {
     }
 }
 
-/// Judges forks of one run. What they have in common is made once.
+/// Judges branches of one run. What they have in common is made once.
 pub struct FallbackJudge<'a> {
     scenario: &'a Scenario,
     vehicle: &'a Vehicle,
@@ -144,11 +144,11 @@ impl<'a> FallbackJudge<'a> {
 
     /// Judges one fork.
     #[must_use]
-    pub fn assess(&self, fork: &Fork<'_>) -> Fallback {
+    pub fn assess(&self, fork: &FallbackBranch<'_>) -> Fallback {
         let settings = &self.settings;
         let time = fork.log.samples.first().map_or(fork.trajectory.start_time, |s| s.time);
         let stop = stop_error(fork, settings);
-        let findings = [ends_at_rest(fork, settings, time), self.touches(fork), self.leaves_road(fork)]
+        let findings = [ends_at_standstill(fork, settings, time), self.touches(fork), self.leaves_road(fork)]
             .into_iter()
             .chain(broken_numbers(fork, time))
             .chain(brakes(fork, settings))
@@ -165,7 +165,7 @@ impl<'a> FallbackJudge<'a> {
     }
 
     /// Contact on the way, by the rig and by the judge's geometry, and at rest by the latter alone.
-    fn touches(&self, fork: &Fork<'_>) -> Finding {
+    fn touches(&self, fork: &FallbackBranch<'_>) -> Finding {
         let tolerance = self.settings.contact_tolerance;
         let watched = Log { samples: self.watched(fork.log), ..Log::default() };
         let obstacle = contact::closest(self.scenario, self.vehicle, &watched)
@@ -192,7 +192,7 @@ impl<'a> FallbackJudge<'a> {
     /// The samples of a fork, and those of its rest while something still moves.
     fn watched(&self, log: &Log) -> Vec<Sample> {
         let mut samples = log.samples.clone();
-        let at_rest = |s: &&Sample| log.contact.is_none() && s.speed.abs() <= self.settings.rest_speed;
+        let at_rest = |s: &&Sample| log.contact.is_none() && s.speed.abs() <= self.settings.standstill_speed;
         if let Some(last) = log.samples.last().filter(at_rest) {
             let until = self.last_motion.min(last.time + self.settings.fallbacks.hold);
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 600 s / 0.02 s; negative is 0
@@ -202,7 +202,7 @@ impl<'a> FallbackJudge<'a> {
         samples
     }
 
-    fn leaves_road(&self, fork: &Fork<'_>) -> Finding {
+    fn leaves_road(&self, fork: &FallbackBranch<'_>) -> Finding {
         let excursion = |pose: &Pose| self.road.excursion(self.vehicle, pose);
         let (mut at_start, mut worst, mut last) = (0.0, (0.0, 0.0), None::<Pose>);
         for sample in &fork.log.samples {
@@ -222,7 +222,7 @@ impl<'a> FallbackJudge<'a> {
     }
 }
 
-fn begins(fork: &Fork<'_>, time: f64) -> Finding {
+fn begins(fork: &FallbackBranch<'_>, time: f64) -> Finding {
     let first = fork.log.samples.first();
     let wanted = fork.trajectory.at(time).pose;
     let apart = first.map_or(f64::INFINITY, |s| (s.pose.position - wanted.position).norm());
@@ -231,20 +231,20 @@ fn begins(fork: &Fork<'_>, time: f64) -> Finding {
 }
 
 /// The plan has to end at rest, and the vehicle has to be there.
-fn ends_at_rest(fork: &Fork<'_>, settings: &Settings, time: f64) -> Finding {
+fn ends_at_standstill(fork: &FallbackBranch<'_>, settings: &Settings, time: f64) -> Finding {
     let planned = fork.trajectory.profile.last().speed;
     let (speed, at) = fork.log.samples.last().map_or((0.0, time), |s| (s.speed.abs(), s.time));
-    let (speed, what) = if planned > settings.rest_speed {
+    let (speed, what) = if planned > settings.standstill_speed {
         (planned, format!("the committed trajectory ends at {planned:.2} m/s"))
     } else {
         (speed, format!("at {speed:.3} m/s when its planned stop was over"))
     };
     // a contact ends the fork, and is worse
-    let limit = if fork.log.contact.is_some() { f64::INFINITY } else { settings.rest_speed };
+    let limit = if fork.log.contact.is_some() { f64::INFINITY } else { settings.standstill_speed };
     Finding::new(Kind::Rest, speed, limit, "m/s", at, what)
 }
 
-fn broken_numbers(fork: &Fork<'_>, time: f64) -> Option<Finding> {
+fn broken_numbers(fork: &FallbackBranch<'_>, time: f64) -> Option<Finding> {
     let (at, what) = match (fork.log.broke_at, fork.log.samples.is_empty()) {
         (Some(at), _) => (at, "the physics produced a number that is not finite"),
         (None, true) => (time, "nothing was driven"),
@@ -254,28 +254,28 @@ fn broken_numbers(fork: &Fork<'_>, time: f64) -> Option<Finding> {
 }
 
 /// The deceleration that uses most of its limit. Too little was driven to filter: none.
-fn brakes(fork: &Fork<'_>, settings: &Settings) -> Option<Finding> {
-    let felt = Felt::new(fork.log, settings.comfort_cutoff);
-    let begun = *felt.moments.first()?;
+fn brakes(fork: &FallbackBranch<'_>, settings: &Settings) -> Option<Finding> {
+    let filtered = FilteredMotion::new(fork.log, settings.comfort_cutoff);
+    let begun = *filtered.moments.first()?;
     let inherited = fork.inherited.max(-begun.acceleration);
     let limit = |time: f64| {
         let released = RELEASE * (time - begun.time - HANDOVER).max(0.0);
         (1.0 + settings.comfort_margin) * fork.promised.max(inherited - released)
     };
-    let (_, worst) = felt.worst(|m| -m.acceleration / limit(m.time))?;
+    let (_, worst) = filtered.worst(|m| -m.acceleration / limit(m.time))?;
     let what = format!("brakes at {:.2} m/s², promised are {:.2}", -worst.acceleration, fork.promised);
     let value = (-worst.acceleration).max(0.0);
     Some(Finding::new(Kind::Braking, value, limit(worst.time), "m/s²", worst.time, what))
 }
 
 /// Signed distance of the rest from the planned one along its heading, m, with the time of coming to rest.
-fn stop_error(fork: &Fork<'_>, settings: &Settings) -> Option<(f64, f64)> {
-    if fork.log.contact.is_some() || !fork.trajectory.profile.ends_at_rest() {
+fn stop_error(fork: &FallbackBranch<'_>, settings: &Settings) -> Option<(f64, f64)> {
+    if fork.log.contact.is_some() || !fork.trajectory.profile.ends_at_standstill() {
         return None;
     }
-    let last = fork.log.samples.last().filter(|s| s.speed.abs() <= settings.rest_speed)?;
+    let last = fork.log.samples.last().filter(|s| s.speed.abs() <= settings.standstill_speed)?;
     let planned = fork.trajectory.path.at(fork.trajectory.profile.last().station).pose;
-    let at = fork.log.samples.iter().rfind(|s| s.speed.abs() > settings.rest_speed).map_or(last.time, |s| s.time);
+    let at = fork.log.samples.iter().rfind(|s| s.speed.abs() > settings.standstill_speed).map_or(last.time, |s| s.time);
     Some((planned.to_local(last.pose.position).x, at))
 }
 
@@ -298,7 +298,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize) -> Option<Check> 
     );
     Some(Check {
         name: "fallback_stops",
-        pass: failed == 0,
+        status: Status::of(failed == 0),
         value: *value,
         limit: *limit,
         unit,
@@ -322,7 +322,7 @@ mod tests {
     /// The clean run as if it were a fork: it brakes at 2 m/s² at most and rests at x = 82 m from 13 s on.
     fn assessed(s: &Story, promised: f64, inherited: f64) -> Fallback {
         let trajectory = &s.cycles[0].committed;
-        let fork = Fork { cycle: 3, is_change: false, trajectory, promised, inherited, log: &s.log };
+        let fork = FallbackBranch { cycle: 3, is_change: false, trajectory, promised, inherited, log: &s.log };
         FallbackJudge::new(&s.scenario, &s.vehicle, &s.settings).assess(&fork)
     }
 
@@ -337,7 +337,7 @@ mod tests {
         assert!(found.holds(), "{found:?}");
         assert!((found.planned_distance - 72.0).abs() < 1e-9 && found.stop_error.unwrap().abs() < 1e-6, "{found:?}");
         let check = fallback_stops(&[found], 0).unwrap();
-        assert!(check.pass && check.unit == "m/s²" && (check.value - 2.0).abs() < 0.01, "{check:?}");
+        assert!(check.passed() && check.unit == "m/s²" && (check.value - 2.0).abs() < 0.01, "{check:?}");
         assert!(check.note.contains("from cycle 3 at 0.00 s"), "{check:?}");
         assert_eq!(fallback_stops(&[], 4), None);
     }
@@ -435,7 +435,7 @@ mod tests {
         hit.scenario.obstacles[0] = hit.place.parked(100, 60.0, 1.69);
         let all = [&Story::clean(), &past, &hit, &past].map(|s| assessed(s, 2.2, 0.0));
         let check = fallback_stops(&all, 2).unwrap();
-        assert!(!check.pass && check.note.contains("overlaps obstacle 100"), "{check:?}");
+        assert!(check.failed() && check.note.contains("overlaps obstacle 100"), "{check:?}");
         assert!(check.note.contains("2 changes not sampled; 3 failed"), "{check:?}");
         assert!((check.value - (0.805 - (1.69 - 0.9))).abs() < 1e-9);
     }

@@ -1,7 +1,7 @@
 //! The low-pass filter in front of every comfort figure.
 //!
 //! A second-order Butterworth filter run forwards and backwards: no phase lag, so the time of an extreme is the time
-//! at which it was felt. "Phaseless" Butterworth filters are what vehicle testing prescribes for measured
+//! at which it was filtered. "Phaseless" Butterworth filters are what vehicle testing prescribes for measured
 //! accelerations (Euro NCAP's test protocols: 10 Hz, for peaks of emergency braking). Passengers'
 //! comfort is about slower motion, and jerk needs more smoothing than acceleration: ISO 15622 averages jerk over 1 s,
 //! UN R79 lateral jerk over 0.5 s. A moving average over `T` passes 1/√2 at 0.443/`T`, so those are 0.44 and 0.89 Hz;

@@ -3,8 +3,8 @@
 //! CommonRoad judges a solution's states, which lie at the file's time steps, and it judges the vehicle's **centre**.
 //! So does this.
 
-use super::Check;
 use super::shapes::contains;
+use super::{Check, Status};
 use crate::geometry::{Point, Pose};
 use crate::map::{Goal, GoalPosition, Interval, PlanningProblem, Scenario, Shape};
 use crate::simulation::{Log, Sample};
@@ -133,7 +133,7 @@ pub(super) fn goal(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Veh
         .min_by_key(|(unmet, _)| unmet.len());
     let check = |value: f64, at_time, note| Check {
         name: "goal",
-        pass: value == 0.0,
+        status: Status::of(value == 0.0),
         value,
         limit: 0.0,
         unit: "conditions",

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::comfort::Felt;
+use super::comfort::FilteredMotion;
 use super::tracking::tracking_error;
 use super::{Settings, contact, stops};
 use crate::geometry::polyline::Polyline;
@@ -56,20 +56,20 @@ pub fn metrics(scenario: &Scenario, vehicle: &Vehicle, cycles: &[Cycle], log: &L
     let duration = last.time - first.time;
     let per = |amount: f64, time: f64| if time > 0.0 { amount / time } else { 0.0 };
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |m: f64, v| m.max(v.abs()));
-    let felt = Felt::new(log, settings.comfort_cutoff);
+    let filtered = FilteredMotion::new(log, settings.comfort_cutoff);
     let errors: Vec<(f64, f64)> = log.samples.iter().map(tracking_error).collect();
     Metrics {
         distance_m: distance,
         duration_s: duration,
         mean_speed_mps: per(distance, duration),
         max_speed_mps: largest(&mut log.samples.iter().map(|s| s.speed)),
-        max_abs_acceleration_mps2: largest(&mut felt.moments.iter().map(|m| m.acceleration)),
-        max_abs_lateral_acceleration_mps2: largest(&mut felt.moments.iter().map(|m| m.lateral_acceleration)),
-        max_abs_jerk_mps3: largest(&mut felt.moments.iter().map(|m| m.jerk)),
-        stop_error_m: stops::stop_error(cycles, log, settings.rest_speed).map(|(error, _)| error),
+        max_abs_acceleration_mps2: largest(&mut filtered.moments.iter().map(|m| m.acceleration)),
+        max_abs_lateral_acceleration_mps2: largest(&mut filtered.moments.iter().map(|m| m.lateral_acceleration)),
+        max_abs_jerk_mps3: largest(&mut filtered.moments.iter().map(|m| m.jerk)),
+        stop_error_m: stops::stop_error(cycles, log, settings.standstill_speed).map(|(error, _)| error),
         min_clearance_m: contact::clearance(scenario, vehicle, log),
         plan_switches_per_minute: 60.0 * per(plan_switches(cycles) as f64, duration),
-        kept_plans: cycles.iter().filter(|c| c.decision == Decision::KeepLast).count(),
+        kept_plans: cycles.iter().filter(|c| c.decision == Decision::KeepPrevious).count(),
         max_tracking_error_m: largest(&mut errors.iter().map(|e| e.0.hypot(e.1))),
         max_lateral_tracking_error_m: largest(&mut errors.iter().map(|e| e.1)),
         max_longitudinal_tracking_error_m: largest(&mut errors.iter().map(|e| e.0)),
@@ -131,8 +131,8 @@ mod tests {
         let mut s = Story::clean();
         s.displace(|m| (0.07 * m.time.min(13.0) / 13.0, 0.0));
         let (ahead, left) = (s.log.samples[0].pose.forward(), s.log.samples[0].pose.left());
-        s.log.samples[400].wanted_pose.position += ahead * 0.3;
-        s.log.samples[500].wanted_pose.position += left * 0.2;
+        s.log.samples[400].reference_pose.position += ahead * 0.3;
+        s.log.samples[500].reference_pose.position += left * 0.2;
         let m = measured(&s);
         assert!((m.stop_error_m.unwrap() - 0.07).abs() < 1e-6);
         assert!((m.max_longitudinal_tracking_error_m - 0.3).abs() < 1e-9);

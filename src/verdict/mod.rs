@@ -30,6 +30,7 @@
 //! by the rig; the judge does not ask who caused a contact; what was in the way is looked for straight ahead only.
 
 mod cells;
+mod check;
 mod comfort;
 mod contact;
 mod fallback;
@@ -46,8 +47,9 @@ mod stops;
 mod testing;
 mod tracking;
 
+pub use check::{Check, Status};
 pub(crate) use comfort::jerk_limit;
-pub use fallback::{Fallback, FallbackJudge, Fork, fallback_stops};
+pub use fallback::{Fallback, FallbackBranch, FallbackJudge, fallback_stops};
 pub use filter::zero_phase_low_pass;
 pub use goal::{GoalWatch, goal_reached_at};
 pub use metrics::{Metrics, metrics};
@@ -76,25 +78,6 @@ pub const CHECKS: [&str; 13] = [
     "stop_needed",
 ];
 
-/// One named check.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Check {
-    /// Stable name, e.g. `no_contact`.
-    pub name: &'static str,
-    /// Whether it held.
-    pub pass: bool,
-    /// The worst value met.
-    pub value: f64,
-    /// The limit it is held against.
-    pub limit: f64,
-    /// Unit of both.
-    pub unit: &'static str,
-    /// Time of the worst moment, s, when there is one.
-    pub at_time: Option<f64>,
-    /// What was measured and how, one line.
-    pub note: String,
-}
-
 /// All checks of a run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Verdict {
@@ -106,7 +89,7 @@ impl Verdict {
     /// Whether every check held.
     #[must_use]
     pub fn pass(&self) -> bool {
-        self.checks.iter().all(|c| c.pass)
+        self.checks.iter().all(|c| !c.failed())
     }
 
     /// The first check that did not hold.
@@ -116,7 +99,7 @@ impl Verdict {
 
     /// Every check that did not hold.
     pub fn failures(&self) -> impl Iterator<Item = &Check> {
-        self.checks.iter().filter(|c| !c.pass)
+        self.checks.iter().filter(|c| c.failed())
     }
 
     /// Puts the check of the forked fallbacks to its place, behind `stop_proven`. A run that was not judged stays so.
@@ -179,7 +162,7 @@ fn broken(log: &Log) -> Option<Check> {
     let at_time = log.broke_at.or(first_bad.map(|s| s.time));
     Some(Check {
         name: "simulation",
-        pass: false,
+        status: Status::Fail,
         value: count.max(1) as f64,
         limit: 0.0,
         unit: "samples",
@@ -197,9 +180,9 @@ fn is_finite(s: &Sample) -> bool {
         s.speed,
         s.acceleration,
         s.lateral_acceleration,
-        s.wanted_pose.position.x,
-        s.wanted_pose.position.y,
-        s.wanted_pose.yaw,
+        s.reference_pose.position.x,
+        s.reference_pose.position.y,
+        s.reference_pose.yaw,
     ]
     .iter()
     .all(|v| v.is_finite())
@@ -319,7 +302,7 @@ mod tests {
             }),
             ("tracking", "0.3 m beside the wanted pose for a moment", |s| {
                 for m in &mut s.log.samples {
-                    m.wanted_pose.position += m.pose.left() * bump(m.time, 6.0, 1.0, 0.3) * s.place.side();
+                    m.reference_pose.position += m.pose.left() * bump(m.time, 6.0, 1.0, 0.3) * s.place.side();
                 }
             }),
             ("goal", "a goal 5 m further on", |s| {
@@ -337,7 +320,7 @@ mod tests {
             }),
             ("goal", "no goal state", |s| s.problem().goals.clear()),
             ("simulation", "a number that is not finite where no other check looks", |s| {
-                s.log.samples[3].wanted_pose.yaw = f64::NAN;
+                s.log.samples[3].reference_pose.yaw = f64::NAN;
             }),
         ]
     }
@@ -374,7 +357,7 @@ mod tests {
                 let verdict = verdict_at(place);
                 assert_eq!(verdict.checks.len(), expected.checks.len(), "{what}");
                 for (a, b) in expected.checks.iter().zip(&verdict.checks) {
-                    let same = a.name == b.name && a.pass == b.pass && (a.value - b.value).abs() < 1e-6;
+                    let same = a.name == b.name && a.status == b.status && (a.value - b.value).abs() < 1e-6;
                     assert!(same, "{what} at {place:?}:\n{a:?}\n{b:?}");
                 }
             }

@@ -8,7 +8,7 @@
 use super::cells;
 use super::contact;
 use super::road::Road;
-use super::{Check, Settings};
+use super::{Check, Settings, Status};
 use crate::map::{Motion, PlanningProblem, Scenario};
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
@@ -32,11 +32,11 @@ pub(super) fn stop_needed(
     log: &Log,
     settings: &Settings,
 ) -> Option<Check> {
-    let last = log.samples.last().filter(|s| s.speed.abs() <= settings.rest_speed)?;
+    let last = log.samples.last().filter(|s| s.speed.abs() <= settings.standstill_speed)?;
     if problem.goals.is_empty() {
         return None;
     }
-    let rest = log.samples.iter().rposition(|s| s.speed.abs() > settings.rest_speed).map_or(0, |i| i + 1);
+    let rest = log.samples.iter().rposition(|s| s.speed.abs() > settings.standstill_speed).map_or(0, |i| i + 1);
     let since = log.samples.get(rest).map_or(last.time, |s| s.time);
     let moments = moments(scenario, since, last.time);
     let road = Road::new(&scenario.network);
@@ -65,7 +65,7 @@ pub(super) fn stop_needed(
     let (free, what) = found.unwrap_or((LOOK_AHEAD, "nothing".into()));
     Some(Check {
         name: "stop_needed",
-        pass: free <= FREE_WAY,
+        status: Status::of(free <= FREE_WAY),
         value: free,
         limit: FREE_WAY,
         unit: "m",

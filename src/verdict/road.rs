@@ -1,7 +1,7 @@
 //! `stays_on_road`: the whole outline of every driven footprint, within the union of the lanelets.
 
 use super::shapes::{Bounds, contains, distance_to_outline, footprint_at};
-use super::{Check, Settings};
+use super::{Check, Settings, Status};
 use crate::geometry::{Point, Pose};
 use crate::map::RoadNetwork;
 use crate::simulation::Log;
@@ -58,7 +58,7 @@ pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log,
     }
     Check {
         name: "stays_on_road",
-        pass: worst.0 <= settings.road_tolerance,
+        status: Status::of(worst.0 <= settings.road_tolerance),
         value: worst.0,
         limit: settings.road_tolerance,
         unit: "m",

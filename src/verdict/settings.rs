@@ -22,7 +22,7 @@ pub struct Settings {
     /// Largest distance of a rest position beyond the planned one, m.
     pub stop_past: f64,
     /// Speed below which the vehicle counts as at rest, m/s. Brakes that hold leave less.
-    pub rest_speed: f64,
+    pub standstill_speed: f64,
     /// Largest lateral distance from the wanted pose, m.
     pub tracking: f64,
     /// Whose limits of comfort count.
@@ -45,7 +45,7 @@ impl Default for Settings {
             road_tolerance: 0.05,
             stop_short: 0.3,
             stop_past: 0.1,
-            rest_speed: 0.05,
+            standstill_speed: 0.05,
             tracking: 0.25,
             comfort: ComfortPreset::default(),
             comfort_margin: 0.1,
@@ -105,7 +105,7 @@ impl Settings {
             ("road_tolerance", self.road_tolerance, 0.0, 5.0, "from 0 to 5 m"),
             ("stop_short", self.stop_short, 0.0, 10.0, "from 0 to 10 m"),
             ("stop_past", self.stop_past, 0.0, 10.0, "from 0 to 10 m"),
-            ("rest_speed", self.rest_speed, 0.001, 0.5, "from 0.001 to 0.5 m/s"),
+            ("standstill_speed", self.standstill_speed, 0.001, 0.5, "from 0.001 to 0.5 m/s"),
             ("tracking", self.tracking, 0.0, 5.0, "from 0 to 5 m"),
             ("comfort_margin", self.comfort_margin, 0.0, 1.0, "from 0 to 1"),
             ("comfort_cutoff", self.comfort_cutoff, 0.1, 10.0, "from 0.1 to 10 Hz"),
@@ -132,7 +132,7 @@ mod tests {
             ("road_tolerance = nan", "road_tolerance"),
             ("stop_short = 11.0", "stop_short"),
             ("stop_past = inf", "stop_past"),
-            ("rest_speed = 0.0", "rest_speed"),
+            ("standstill_speed = 0.0", "standstill_speed"),
             ("tracking = -1.0", "tracking"),
             ("comfort_margin = 1.1", "comfort_margin"),
             ("comfort_cutoff = 0.0", "comfort_cutoff"),

@@ -1,6 +1,6 @@
 //! `stops`: at rest where the plan said. `stop_proven`: every cycle committed to a trajectory that ends at rest.
 
-use super::{Check, Expectation, Settings};
+use super::{Check, Expectation, Settings, Status};
 use crate::geometry::Point;
 use crate::planner::{Cycle, Decision};
 use crate::simulation::Log;
@@ -20,8 +20,8 @@ const SETTLING: f64 = 1.0;
 /// The planned stop is the next standstill of the last trajectory that still had a way to go when it was committed,
 /// before the vehicle came to rest: a plan made at rest starts where the vehicle stands and would hide the error.
 /// `None` if it did not end at rest, never moved, or no such trajectory exists.
-pub(super) fn stop_error(cycles: &[Cycle], log: &Log, rest_speed: f64) -> Option<(f64, f64)> {
-    let (rest_from, position) = final_rest(log, rest_speed)?;
+pub(super) fn stop_error(cycles: &[Cycle], log: &Log, standstill_speed: f64) -> Option<(f64, f64)> {
+    let (rest_from, position) = final_rest(log, standstill_speed)?;
     let (trajectory, station) = cycles.iter().rev().filter(|c| c.time <= rest_from).find_map(|c| {
         Some((&c.committed, next_stop(&c.committed, c.time).filter(|s| s.ahead > STOPPED_ALREADY)?.station))
     })?;
@@ -30,9 +30,9 @@ pub(super) fn stop_error(cycles: &[Cycle], log: &Log, rest_speed: f64) -> Option
 }
 
 /// Start of the final standstill and the position of rest; `None` if the run ended moving or never moved.
-fn final_rest(log: &Log, rest_speed: f64) -> Option<(f64, Point)> {
+fn final_rest(log: &Log, standstill_speed: f64) -> Option<(f64, Point)> {
     let last = log.samples.last()?;
-    let last_moving = log.samples.iter().rposition(|s| s.speed.abs() > rest_speed)?;
+    let last_moving = log.samples.iter().rposition(|s| s.speed.abs() > standstill_speed)?;
     let rest = log.samples.get(last_moving + 1)?;
     Some((rest.time, last.pose.position))
 }
@@ -57,16 +57,21 @@ fn next_stop(trajectory: &Trajectory, time: f64) -> Option<NextStop> {
 pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Option<Check> {
     let last = log.samples.last()?;
     let check = |pass, value, limit, unit, at_time, note| {
-        Some(Check { name: "stops", pass, value, limit, unit, at_time: Some(at_time), note })
+        Some(Check { name: "stops", status: Status::of(pass), value, limit, unit, at_time: Some(at_time), note })
     };
-    if last.speed.abs() > settings.rest_speed {
-        let planned = cycles.last().filter(|c| c.committed.profile.ends_at_rest()).map(|c| c.committed.end_time());
+    if last.speed.abs() > settings.standstill_speed {
+        let planned =
+            cycles.last().filter(|c| c.committed.profile.ends_at_standstill()).map(|c| c.committed.end_time());
         let overdue = planned.is_some_and(|t| last.time > t + SETTLING);
         let note = format!("still moving at the end of the run, {:.1} s", last.time);
         let due = settings.expect == Expectation::Stop || overdue;
-        return if due { check(false, last.speed.abs(), settings.rest_speed, "m/s", last.time, note) } else { None };
+        return if due {
+            check(false, last.speed.abs(), settings.standstill_speed, "m/s", last.time, note)
+        } else {
+            None
+        };
     }
-    match stop_error(cycles, log, settings.rest_speed) {
+    match stop_error(cycles, log, settings.standstill_speed) {
         Some((error, time)) => {
             let limit = if error > 0.0 { settings.stop_past } else { settings.stop_short };
             let side = if error > 0.0 { "beyond" } else { "before" };
@@ -76,7 +81,7 @@ pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Option<
         }
         None if settings.expect == Expectation::Stop => {
             let note = "at rest; it never moved, or no trajectory with a stop ahead was committed before".into();
-            check(true, last.speed.abs(), settings.rest_speed, "m/s", last.time, note)
+            check(true, last.speed.abs(), settings.standstill_speed, "m/s", last.time, note)
         }
         None => None,
     }
@@ -84,13 +89,13 @@ pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Option<
 
 /// The check: the share of cycles whose committed trajectory is proven and does end at rest.
 pub(super) fn stop_proven(cycles: &[Cycle]) -> Check {
-    let unproven = |c: &&Cycle| c.decision == Decision::Unproven || !c.committed.profile.ends_at_rest();
+    let unproven = |c: &&Cycle| c.decision == Decision::Unproven || !c.committed.profile.ends_at_standstill();
     let bad = cycles.iter().filter(unproven).count();
-    let kept = cycles.iter().filter(|c| c.decision == Decision::KeepLast).count();
+    let kept = cycles.iter().filter(|c| c.decision == Decision::KeepPrevious).count();
     let share = if cycles.is_empty() { 0.0 } else { (cycles.len() - bad) as f64 / cycles.len() as f64 };
     Check {
         name: "stop_proven",
-        pass: bad == 0 && !cycles.is_empty(),
+        status: Status::of(bad == 0 && !cycles.is_empty()),
         value: share,
         limit: 1.0,
         unit: "share",

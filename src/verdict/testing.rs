@@ -130,7 +130,7 @@ impl Story {
             let (ahead, left) = by(s);
             let offset = s.pose.forward() * ahead + s.pose.left() * (left * self.place.side());
             s.pose.position += offset;
-            s.wanted_pose.position += offset;
+            s.reference_pose.position += offset;
         }
     }
 
@@ -171,9 +171,9 @@ fn sample(time: f64, pose: Pose, speed: f64, acceleration: f64) -> Sample {
         steering: 0.0,
         commanded_acceleration: acceleration,
         commanded_steering: 0.0,
-        wanted_pose: pose,
-        wanted_speed: speed,
-        wanted_station: 0.0,
+        reference_pose: pose,
+        reference_speed: speed,
+        reference_station: 0.0,
     }
 }
 

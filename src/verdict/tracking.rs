@@ -1,11 +1,11 @@
 //! `tracking`: how far the vehicle is from where its trajectory wants it.
 
-use super::{Check, Settings};
+use super::{Check, Settings, Status};
 use crate::simulation::{Log, Sample};
 
 /// Offset of the driven pose from the wanted one, in the wanted pose's frame: (ahead, left), m.
 pub(super) fn tracking_error(sample: &Sample) -> (f64, f64) {
-    let error = sample.wanted_pose.to_local(sample.pose.position);
+    let error = sample.reference_pose.to_local(sample.pose.position);
     (error.x, error.y)
 }
 
@@ -20,7 +20,7 @@ pub(super) fn tracking(log: &Log, settings: &Settings) -> Check {
     let side = if worst.0 > 0.0 { "left" } else { "right" };
     Check {
         name: "tracking",
-        pass: worst.0.abs() <= settings.tracking,
+        status: Status::of(worst.0.abs() <= settings.tracking),
         value: worst.0.abs(),
         limit: settings.tracking,
         unit: "m",

@@ -1,6 +1,6 @@
 //! Controllers with one thing wrong, made of the real one.
 
-use stopline::simulation::{Command, Controls, TrackingController};
+use stopline::simulation::{Command, Controller, TrackingController};
 use stopline::trajectory::Trajectory;
 use stopline::vehicle::{State, Vehicle};
 
@@ -19,7 +19,7 @@ pub(crate) enum Flaw {
     HalfAMetreBehind,
 }
 
-impl Controls for Flaw {
+impl Controller for Flaw {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
         let real = |state: &State| TrackingController.command(vehicle, trajectory, state, period);
         let right = real(state);

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use common::{VEHICLE, bundled, failures};
 use controllers::Flaw;
 use planners::{Belief, Late, Meddled, Once, nothing};
-use stopline::drive::{Driver, Plans, Run, Settings, drive_with, planner};
+use stopline::drive::{Driver, MotionPlanner, Run, Settings, drive_with, planner};
 use stopline::map::Scenario;
 use stopline::planner::Cycle;
 use stopline::vehicle::Vehicle;
@@ -25,12 +25,12 @@ enum Mistake {
     Sees(fn(&mut Belief)),
     /// The planner hands out another plan than it made.
     HandsOut(fn(&mut Cycle)),
-    /// Plans reach the vehicle late.
+    /// MotionPlanner reach the vehicle late.
     IsLate,
     /// The first plan is the last one.
     PlansOnce,
     /// The controller does something else.
-    Controls(Flaw),
+    Controller(Flaw),
     /// Nowhere.
     None,
 }
@@ -45,14 +45,14 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
     let problem = &belief.scenario.problems[0];
     let real = planner(&belief.scenario, problem, &belief.vehicle, &belief.settings).unwrap();
     let meddle = if let Mistake::HandsOut(meddle) = mistake { *meddle } else { nothing };
-    let mut plans: Box<dyn Plans> = match mistake {
+    let mut plans: Box<dyn MotionPlanner> = match mistake {
         Mistake::IsLate => Box::new(Late { planner: real, waiting: VecDeque::new() }),
         Mistake::PlansOnce => Box::new(Once { planner: real, first: None }),
         _ => Box::new(Meddled { planner: real, meddle }),
     };
     let mut driver = Driver::following(&mut *plans);
-    if let Mistake::Controls(flaw) = mistake {
-        driver.controls = Arc::new(*flaw);
+    if let Mistake::Controller(flaw) = mistake {
+        driver.controller = Arc::new(*flaw);
     }
     drive_with(scenario, &scenario.problems[0], vehicle, &truth.settings, driver, &mut |_, _| {}).unwrap()
 }
@@ -94,7 +94,7 @@ fn stiff() -> Vehicle {
     vehicle
 }
 
-use Mistake::{Controls, HandsOut, IsLate, PlansOnce, Sees};
+use Mistake::{Controller, HandsOut, IsLate, PlansOnce, Sees};
 
 mutants! {
     obstacle_ignored on parked_car, VEHICLE, by no_contact: Sees(planners::no_obstacles);
@@ -118,11 +118,11 @@ mutants! {
     path_mirrored on s_curve, VEHICLE, by stays_on_road: HandsOut(planners::mirrored);
     replans_never on straight_100m, VEHICLE, by stop_needed: PlansOnce;
     plans_late on straight_100m, VEHICLE, by comfort_jerk: IsLate;
-    steering_feedback_of_the_wrong_sign on s_curve, VEHICLE, by tracking: Controls(Flaw::WrongSign);
-    controller_without_feed_forward on s_curve, VEHICLE, by tracking: Controls(Flaw::NoFeedForward);
-    brakes_off on lane_blocked, VEHICLE, by no_contact: Controls(Flaw::NoBrakes);
-    jerk_unbounded on straight_100m, VEHICLE, by comfort_jerk: Controls(Flaw::AllOrNothing);
-    stop_past_the_line on straight_100m, VEHICLE, by stops: Controls(Flaw::HalfAMetreBehind);
+    steering_feedback_of_the_wrong_sign on s_curve, VEHICLE, by tracking: Controller(Flaw::WrongSign);
+    controller_without_feed_forward on s_curve, VEHICLE, by tracking: Controller(Flaw::NoFeedForward);
+    brakes_off on lane_blocked, VEHICLE, by no_contact: Controller(Flaw::NoBrakes);
+    jerk_unbounded on straight_100m, VEHICLE, by comfort_jerk: Controller(Flaw::AllOrNothing);
+    stop_past_the_line on straight_100m, VEHICLE, by stops: Controller(Flaw::HalfAMetreBehind);
 }
 /// The table of the docs and this file's are the same.
 #[test]

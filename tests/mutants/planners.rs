@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use stopline::drive::{Plans, Settings};
+use stopline::drive::{MotionPlanner, Settings};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose};
@@ -138,7 +138,7 @@ pub(crate) struct Meddled<'a> {
     pub(crate) meddle: fn(&mut Cycle),
 }
 
-impl Plans for Meddled<'_> {
+impl MotionPlanner for Meddled<'_> {
     fn cycle(&mut self, state: &State) -> Cycle {
         let mut cycle = self.planner.cycle(state);
         (self.meddle)(&mut cycle);
@@ -156,7 +156,7 @@ impl Late<'_> {
     pub(crate) const CYCLES: usize = 8;
 }
 
-impl Plans for Late<'_> {
+impl MotionPlanner for Late<'_> {
     fn cycle(&mut self, state: &State) -> Cycle {
         let mut cycle = self.planner.cycle(state);
         self.waiting.push_back(cycle.committed.clone());
@@ -177,10 +177,10 @@ pub(crate) struct Once<'a> {
     pub(crate) first: Option<Cycle>,
 }
 
-impl Plans for Once<'_> {
+impl MotionPlanner for Once<'_> {
     fn cycle(&mut self, state: &State) -> Cycle {
         match &self.first {
-            Some(first) => Cycle { time: state.time, decision: Decision::KeepLast, ..first.clone() },
+            Some(first) => Cycle { time: state.time, decision: Decision::KeepPrevious, ..first.clone() },
             None => self.first.insert(self.planner.cycle(state)).clone(),
         }
     }
@@ -226,7 +226,7 @@ pub(crate) fn stops_too_late(cycle: &mut Cycle) {
     let profile = cycle.committed.profile.clone();
     let mut knots = cut(cycle, 1.0);
     let k = knots[knots.len() - 1];
-    if k.speed < 1.0 || !cycle.committed.profile.ends_at_rest() {
+    if k.speed < 1.0 || !cycle.committed.profile.ends_at_standstill() {
         return;
     }
     let lasts = FARTHER / k.speed;

@@ -24,7 +24,7 @@ pub struct Group {
 pub struct Summary {
     /// Instances.
     pub instances: usize,
-    /// Plans whose stop was proved again.
+    /// MotionPlanner whose stop was proved again.
     pub proven: usize,
     /// Median of the expansions; not a number where nothing was searched.
     pub expansions: f64,

@@ -219,8 +219,8 @@ impl Instance {
         };
         let mut problem =
             SpeedProblem::empty_road(settings.length, settings.step, TOP_SPEED, self.start_speed, limits)?;
-        problem.rest_allowed.fill(false);
-        if let Some(end) = problem.rest_allowed.last_mut() {
+        problem.stopping_allowed.fill(false);
+        if let Some(end) = problem.stopping_allowed.last_mut() {
             *end = true;
         }
         Ok(problem)
@@ -280,7 +280,7 @@ fn measured(method: Method, problem: &SpeedProblem, settings: &Settings) -> Meas
     let ended = outcome.code();
     let plan = match outcome {
         SpeedOutcome::Proven { plan, .. } | SpeedOutcome::Unproven { plan, .. } => figures_of(&plan, problem),
-        SpeedOutcome::Nothing { .. } => None,
+        SpeedOutcome::NoPlan { .. } => None,
     };
     Measured {
         expansions: statistics.expansions,

@@ -30,7 +30,7 @@ fn check_json(check: &Check) -> Value {
 fn check_table(checks: &[Check]) -> String {
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let row = |c: &Check| {
-        let held = if c.pass { "held" } else { "FAILED" };
+        let held = if c.pass { "PASS" } else { "FAIL" };
         [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
     };
     report::table(&std::iter::once(head).chain(checks.iter().map(row)).collect::<Vec<_>>())

@@ -13,7 +13,8 @@ use crate::map::{RoadNetwork, Scenario, Shape};
 use crate::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, prove, search, smoothing};
 use crate::trajectory::SpeedProfile;
 
-const FREE: MotionBounds = MotionBounds { along: 2.0, across: 0.6, most_across: f64::INFINITY, vehicles_reverse: true };
+const FREE: MotionBounds =
+    MotionBounds { longitudinal: 2.0, lateral: 0.6, max_lateral_deviation: f64::INFINITY, vehicles_reverse: true };
 /// Length of the predictions, s.
 const LASTING: f64 = 6.0;
 /// Step of the sampled motions, s.
@@ -94,20 +95,20 @@ fn deviations(obstacle: &Obstacle, now: f64, bounds: &MotionBounds, push: &Push)
         let sign = if s < push.turns_at { 1.0 } else { -1.0 };
         let noise = push.noise[((s / 0.25) as usize).min(39)];
         let mix = |pushed: f64, noise: f64| pushed * (1.0 - push.share_of_noise) + noise * push.share_of_noise;
-        let along = bounds.along * mix(sign * turned.cos().signum(), noise.0);
-        let across = bounds.across * mix(-sign * turned.sin().signum(), noise.1);
+        let longitudinal = bounds.longitudinal * mix(sign * turned.cos().signum(), noise.0);
+        let lateral = bounds.lateral * mix(-sign * turned.sin().signum(), noise.1);
         let predicted = (after.position - before.position) / STEP;
-        let moved = |along: f64| {
-            let acceleration = pose.forward() * along + pose.left() * across;
+        let moved = |longitudinal: f64| {
+            let acceleration = pose.forward() * longitudinal + pose.left() * lateral;
             (at + velocity * STEP + acceleration * (0.5 * STEP * STEP), velocity + acceleration * STEP)
         };
         let keeps = |(at, velocity): &(Vector, Vector)| {
             let forward = (predicted + velocity).dot(&after.forward());
             let allowed = predicted.dot(&after.forward()).min(0.0);
-            (reverses || forward >= allowed) && at.dot(&after.left()).abs() <= bounds.most_across
+            (reverses || forward >= allowed) && at.dot(&after.left()).abs() <= bounds.max_lateral_deviation
         };
         // who would come to move backwards stands; if it can't, the motion ends here
-        let Some(next) = [along, bounds.along].into_iter().map(moved).find(keeps) else { break };
+        let Some(next) = [longitudinal, bounds.longitudinal].into_iter().map(moved).find(keeps) else { break };
         (at, velocity) = next;
         found.push(at);
     }
@@ -142,10 +143,10 @@ proptest! {
     #[test]
     fn no_motion_within_the_bounds_leaves_the_grown_regions(
         predicted in predicted(), pushes in prop::collection::vec(push(), 5), now in prop_oneof![Just(0.0), Just(1.3), 0.0..3.0f64],
-        along in 0.0..4.0f64, across in 0.0..2.0f64,
-        most_across in prop_oneof![Just(f64::INFINITY), 0.1..2.0f64], vehicles_reverse in any::<bool>(),
+        longitudinal in 0.0..4.0f64, lateral in 0.0..2.0f64,
+        max_lateral_deviation in prop_oneof![Just(f64::INFINITY), 0.1..2.0f64], vehicles_reverse in any::<bool>(),
     ) {
-        let bounds = MotionBounds { along, across, most_across, vehicles_reverse };
+        let bounds = MotionBounds { longitudinal, lateral, max_lateral_deviation, vehicles_reverse };
         let obstacle = predicted.obstacle();
         let grown = predictions(std::slice::from_ref(&obstacle)).grown(now, &bounds);
         for push in &pushes {
@@ -157,22 +158,22 @@ proptest! {
 
     #[test]
     fn wider_bounds_cover_more_and_a_later_moment_less(
-        predicted in predicted(), along in 0.0..3.0f64, across in 0.0..1.0f64, more in 1.0..2.0f64, most in 0.2..2.0f64,
+        predicted in predicted(), longitudinal in 0.0..3.0f64, lateral in 0.0..1.0f64, more in 1.0..2.0f64, most in 0.2..2.0f64,
     ) {
         let all = predictions(&[Predicted { turning: 0.0, ..predicted.clone() }.obstacle()]);
-        let bounds = MotionBounds { along, across, most_across: most, vehicles_reverse: false };
+        let bounds = MotionBounds { longitudinal, lateral, max_lateral_deviation: most, vehicles_reverse: false };
         let grown = all.grown(1.0, &bounds);
         for wider in [
-            all.grown(1.0, &MotionBounds { along: more * along, ..bounds }),
-            all.grown(1.0, &MotionBounds { across: more * across, ..bounds }),
-            all.grown(1.0, &MotionBounds { most_across: more * most, ..bounds }),
+            all.grown(1.0, &MotionBounds { longitudinal: more * longitudinal, ..bounds }),
+            all.grown(1.0, &MotionBounds { lateral: more * lateral, ..bounds }),
+            all.grown(1.0, &MotionBounds { max_lateral_deviation: more * most, ..bounds }),
             all.grown(1.0, &MotionBounds { vehicles_reverse: true, ..bounds }),
             all.grown(0.0, &bounds),
             all.grown(0.55, &bounds),
         ] {
             prop_assert!(lies_in(&grown, &wider), "{bounds:?}");
         }
-        let none = all.grown(1.0, &MotionBounds { along: 0.0, across: 0.0, ..bounds });
+        let none = all.grown(1.0, &MotionBounds { longitudinal: 0.0, lateral: 0.0, ..bounds });
         prop_assert!(lies_in(&none, &grown));
         // turning or not
         let bent = predictions(&[predicted.obstacle()]);
@@ -229,12 +230,12 @@ fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
             directions.iter().map(out).fold(f64::NEG_INFINITY, f64::max)
         };
         let last = 0.4 + turning * LASTING;
-        let (along, across) = ([last, last + PI], [last + FRAC_PI_2, last - FRAC_PI_2]);
-        assert!(escapes(&FREE, &along) <= 0.0 && escapes(&FREE, &across) <= 0.0);
-        assert!(escapes(&MotionBounds { along: 0.8 * FREE.along, ..FREE }, &along) > 0.5);
-        assert!(escapes(&MotionBounds { across: 0.5 * FREE.across, ..FREE }, &across) > 0.5);
-        let lane = MotionBounds { most_across: 0.5, ..FREE };
-        assert!(escapes(&lane, &across) > 0.5);
+        let (longitudinal, lateral) = ([last, last + PI], [last + FRAC_PI_2, last - FRAC_PI_2]);
+        assert!(escapes(&FREE, &longitudinal) <= 0.0 && escapes(&FREE, &lateral) <= 0.0);
+        assert!(escapes(&MotionBounds { longitudinal: 0.8 * FREE.longitudinal, ..FREE }, &longitudinal) > 0.5);
+        assert!(escapes(&MotionBounds { lateral: 0.5 * FREE.lateral, ..FREE }, &lateral) > 0.5);
+        let lane = MotionBounds { max_lateral_deviation: 0.5, ..FREE };
+        assert!(escapes(&lane, &lateral) > 0.5);
     }
     // 2 m/s for 6 s backwards come to 36 m, and it has 12 m to take back
     let kind = ObstacleKind::Vehicle;
@@ -256,7 +257,7 @@ fn bounds_of_zero_change_nothing_and_neither_does_the_present_moment() {
     let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
     let plain = world.blocked(&[&sweep], 0.0, LASTING);
     assert!(!plain.is_free());
-    let none = MotionBounds { along: 0.0, across: 0.0, ..FREE };
+    let none = MotionBounds { longitudinal: 0.0, lateral: 0.0, ..FREE };
     assert_eq!(world.predictions().grown(0.0, &none).blocked(&[&sweep], 0.0, LASTING), plain);
     let grown = world.predictions().grown(0.0, &FREE).blocked(&[&sweep], 0.0, LASTING);
     assert!(grown.blocked_cells().count() > plain.blocked_cells().count());
@@ -305,7 +306,7 @@ fn moved_turned_and_mirrored_predictions_grow_alike() {
             turning: side * turning,
             interval: 0.1,
         };
-        let bounds = MotionBounds { vehicles_reverse: false, most_across: 1.5, ..FREE };
+        let bounds = MotionBounds { vehicles_reverse: false, max_lateral_deviation: 1.5, ..FREE };
         let first = predictions(&[predicted(Pose::new(0.0, 0.0, 0.2), 1.0).obstacle()]).grown(0.5, &bounds);
         let (turn, shift) = (2.5, Point::new(1.0e6, 1.0e6));
         let frame = Pose { position: shift, yaw: turn };
@@ -331,12 +332,12 @@ fn moved_turned_and_mirrored_predictions_grow_alike() {
 #[test]
 fn what_is_left_out_is_gone_until_its_time_and_nothing_else_is() {
     let kind = ObstacleKind::Vehicle;
-    let along = |id: i64, y: f64| {
+    let longitudinal = |id: i64, y: f64| {
         let from = Pose::new(0.0, y, 0.0);
         let predicted = Predicted { kind, from, speed: 10.0, acceleration: 0.0, turning: 0.0, interval: 0.1 };
         Obstacle { id, ..predicted.obstacle() }
     };
-    let world = world(vec![along(1, 0.0), along(2, 0.5)]);
+    let world = world(vec![longitudinal(1, 0.0), longitudinal(2, 0.5)]);
     let sweep = world.sweep(&Pose::new(20.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(30.0));
     let blocked = |predictions: &Predictions| predictions.blocked(&[&sweep], 0.0, LASTING);
     let all = blocked(world.predictions());
@@ -399,8 +400,8 @@ fn problem(world: &CollisionWorld, predictions: &Predictions, speed: f64) -> Spe
     let intervals = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
     let limits = AccelerationLimits { acceleration: 1.5, deceleration: 1.5, aggressive_deceleration: 4.0 };
     SpeedProblem {
-        caps: vec![10.0; grid.stations().len()],
-        rest_allowed: vec![true; grid.stations().len()],
+        speed_limits: vec![10.0; grid.stations().len()],
+        stopping_allowed: vec![true; grid.stations().len()],
         blocked: (0..grid.cells()).map(intervals).collect(),
         blocked_at_start: intervals(0),
         stations: grid.stations().to_vec(),

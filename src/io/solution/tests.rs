@@ -45,9 +45,9 @@ fn driven(vehicle: &Vehicle, centre: Pose, speed: f64, seconds: f64, command: im
                 steering,
                 commanded_acceleration: ax,
                 commanded_steering: wanted,
-                wanted_pose: rear,
-                wanted_speed: vx,
-                wanted_station: 0.0,
+                reference_pose: rear,
+                reference_speed: vx,
+                reference_station: 0.0,
             });
         }
         steering += (wanted - steering).clamp(-0.39 * H, 0.39 * H);

@@ -41,8 +41,8 @@ use std::sync::Arc;
 use self::chain::Chain;
 use self::corridor::{Probe, Room};
 use self::program::{Anchor, Program};
-use super::edges::{Before, COST_SAMPLES, checked, least_terms};
-use super::{CostTerms, Ground, LatticePath, Root, Weights};
+use super::edges::{COST_SAMPLES, KeptPrefix, checked, least_terms};
+use super::{CostTerms, LatticeContext, LatticePath, Root, Weights};
 use crate::collision::Allowance;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
@@ -112,7 +112,7 @@ const RATE_FLOOR: f64 = 1e-3;
 /// checks out. `allowance` is the root's, `front` the distance from the rear axle to the front bumper, m.
 #[must_use]
 pub fn refined(
-    ground: &Ground<'_>,
+    context: &LatticeContext<'_>,
     path: &LatticePath,
     allowance: &Allowance,
     front: f64,
@@ -120,14 +120,14 @@ pub fn refined(
     commitment: &Commitment,
     settings: &RefinementSettings,
 ) -> Option<LatticePath> {
-    let stage = Stage::of(ground, path, allowance, weights, commitment)?;
+    let stage = Stage::of(context, path, allowance, weights, commitment)?;
     let original = Chain::of(&stage.movable)?;
     let before = stage.measured(&original)?;
     let worth = (settings.least_gain * before.cost).max(LEAST_GAIN);
     if before.cost <= worth {
         return None;
     }
-    let width = WIDTH_SHARE * 2.0 * ground.half_width;
+    let width = WIDTH_SHARE * 2.0 * context.half_width;
     let program = stage.program(&original, front, settings.corridor.min(width))?;
     let (mut best, mut measured) = (original.clone(), before.clone());
     let target = original.end();
@@ -153,7 +153,7 @@ pub fn refined(
 
 /// The path that is refined, taken apart.
 struct Stage<'a> {
-    ground: &'a Ground<'a>,
+    context: &'a LatticeContext<'a>,
     path: &'a LatticePath,
     weights: &'a Weights,
     commitment: &'a Commitment,
@@ -164,7 +164,7 @@ struct Stage<'a> {
     frame: Pose,
     movable: Vec<CubicSpiral>,
     /// What is driven before them.
-    before: Before,
+    before: KeptPrefix,
     /// What follows behind them and stays.
     tail: Vec<CubicSpiral>,
 }
@@ -180,7 +180,7 @@ struct Measured {
 impl<'a> Stage<'a> {
     /// `None` if there are not two edges to optimise together.
     fn of(
-        ground: &'a Ground<'a>,
+        context: &'a LatticeContext<'a>,
         path: &'a LatticePath,
         allowance: &'a Allowance,
         weights: &'a Weights,
@@ -196,8 +196,8 @@ impl<'a> Stage<'a> {
         let kept = spirals(0..path.kept);
         let root = Root { pose: first.0, curvature: first.1.knots[0], kept, start, allowance: *allowance };
         Some(Self {
-            before: Before::root(ground, &root, weights),
-            ground,
+            before: KeptPrefix::root(context, &root, weights),
+            context,
             path,
             weights,
             commitment,
@@ -221,21 +221,22 @@ impl<'a> Stage<'a> {
 
     /// Cost of a chain, as the lattice has it; `None` if its swept footprint is not free.
     fn measured(&self, chain: &Chain) -> Option<Measured> {
-        let reference = self.ground.reference;
+        let reference = self.context.reference;
         let mut start = self.frame;
         let mut station = reference.project(start.position).s;
         let mut terms = CostTerms::default();
         for (i, spiral) in chain.spirals().into_iter().enumerate() {
             let end = spiral.end(&start);
             let ends = reference.project_near(end.position, station + spiral.length).s;
-            let before = if i == 0 { &self.before } else { &Before::NOTHING };
-            let (least, bends) = least_terms(self.ground, &start, &spiral, (station, ends), self.weights);
-            let checked = checked(self.ground, (&start, &spiral), &least, before, self.weights);
+            let before = if i == 0 { &self.before } else { &KeptPrefix::NOTHING };
+            let (least, bends) = least_terms(self.context, &start, &spiral, (station, ends), self.weights);
+            let checked = checked(self.context, (&start, &spiral), &least, before, self.weights);
             if checked.blocked_by.is_some() {
                 return None;
             }
-            let slowing = self.weights.slowing * bends.slowing(spiral.length, self.ground.full_speed_curvature);
-            terms = terms.plus(&CostTerms { slowing, ..checked.terms });
+            let curve_slowdown =
+                self.weights.curve_slowdown * bends.curve_slowdown(spiral.length, self.context.full_speed_curvature);
+            terms = terms.plus(&CostTerms { curve_slowdown, ..checked.terms });
             (start, station) = (end, ends);
         }
         let leaving = self.commitment.cost(&self.assembled(chain)?);
@@ -268,11 +269,11 @@ impl<'a> Stage<'a> {
             (along > 0.0 && along < original.length()).then_some(Anchor { along, pose })
         };
         Some(Program {
-            ground: self.ground,
-            weights: Weights { bending: EMPHASIS * self.weights.bending, ..*self.weights },
+            context: self.context,
+            weights: Weights { curvature: EMPHASIS * self.weights.curvature, ..*self.weights },
             frame: self.frame,
             front,
-            max_curvature: self.ground.max_curvature.max(original.max_abs_curvature()),
+            max_curvature: self.context.max_curvature.max(original.max_abs_curvature()),
             max_curvature_rate: original.max_abs_curvature_rate().max(RATE_FLOOR),
             bending_energy: original.bending_energy(),
             corridor,
@@ -283,8 +284,8 @@ impl<'a> Stage<'a> {
 
     /// Samples of the original chain with the room around them.
     fn corridor(&self, original: &Chain, limit: f64) -> Vec<Vec<(chain::Sample, Room)>> {
-        let wanted = self.weights.clearance_wanted;
-        let probe = Probe { world: self.ground.world, frame: self.frame, limit, wanted };
+        let wanted = self.weights.desired_clearance;
+        let probe = Probe { world: self.context.world, frame: self.frame, limit, wanted };
         let mut before = self.kept_length();
         let pieces = original.linearised(&original.lengths.iter().map(|l| intervals(*l)).collect::<Vec<_>>());
         pieces
@@ -317,16 +318,16 @@ impl<'a> Stage<'a> {
         let (old, now) = (&self.path.terms, &measured.terms);
         let terms = CostTerms {
             offset: old.offset + now.offset - before.offset,
-            bending: old.bending + now.bending - before.bending,
-            slowing: old.slowing + now.slowing - before.slowing,
+            curvature: old.curvature + now.curvature - before.curvature,
+            curve_slowdown: old.curve_slowdown + now.curve_slowdown - before.curve_slowdown,
             clearance: old.clearance + now.clearance - before.clearance,
-            lane: old.lane + now.lane - before.lane,
+            lane_deviation: old.lane_deviation + now.lane_deviation - before.lane_deviation,
             ..*old
         };
         let path = self.assembled(chain)?;
         let mut start = self.frame;
         let swept = chain.spirals().into_iter().map(|spiral| {
-            let sweep = self.ground.world.sweep(&start, &spiral);
+            let sweep = self.context.world.sweep(&start, &spiral);
             start = spiral.end(&start);
             Arc::new(sweep)
         });

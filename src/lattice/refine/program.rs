@@ -10,12 +10,12 @@ use crate::convex::{QuadraticProgram, Term};
 use crate::geometry::quadrature::GAUSS_5;
 use crate::geometry::{Pose, Vector};
 use crate::lattice::edges::{COST_SAMPLES, OFFSET_SATURATES};
-use crate::lattice::{Ground, Weights};
+use crate::lattice::{LatticeContext, Weights};
 use crate::reference::Frenet;
 
 /// What stays the same over the iterations.
 pub(super) struct Program<'a> {
-    pub(super) ground: &'a Ground<'a>,
+    pub(super) context: &'a LatticeContext<'a>,
     pub(super) weights: Weights,
     /// Pose of the frame that chains are in.
     pub(super) frame: Pose,
@@ -108,7 +108,7 @@ impl Program<'_> {
             heading_unit: 1.0 / mean,
         };
         let samples = chain.linearised(&self.intervals());
-        let mut about = self.ground.reference.project(self.frame.position).s;
+        let mut about = self.context.reference.project(self.frame.position).s;
         for (i, piece) in samples.iter().enumerate() {
             builder.follow(i, piece.last()?);
             builder.add_bending(i);
@@ -201,10 +201,10 @@ impl Builder<'_> {
         let length = spiral.length;
         for (node, weight) in &GAUSS_5 {
             let terms = self.knots(i, &basis(*node));
-            let weight = self.fixed.weights.bending * length * weight;
+            let weight = self.fixed.weights.curvature * length * weight;
             self.program.add_square(weight, &terms, -spiral.curvature(node * length));
         }
-        self.program.add_linear(variable, self.fixed.weights.bending * spiral.bending_energy() / length);
+        self.program.add_linear(variable, self.fixed.weights.curvature * spiral.bending_energy() / length);
         self.program.add_square(LENGTH_INERTIA, &[(variable, 1.0)], 0.0);
         let step = LENGTH_STEP * length;
         self.program.between(-step, &[(variable, 1.0)], step);
@@ -285,7 +285,7 @@ impl Builder<'_> {
     /// has it.
     fn add_clearance(&mut self, i: usize, samples: &[Sample]) {
         let (weights, corridor) = (&self.fixed.weights, &self.fixed.corridor[i]);
-        let wanted = weights.clearance_wanted;
+        let wanted = weights.desired_clearance;
         if wanted <= 0.0 {
             return;
         }
@@ -316,28 +316,28 @@ impl Builder<'_> {
     /// Distance from the reference line and way outside the lane of piece `i`, at the lattice's own samples. Takes and
     /// returns a station near the start and the end of the piece.
     fn add_offsets(&mut self, i: usize, samples: &[Sample], mut about: f64) -> f64 {
-        let (weights, ground) = (&self.fixed.weights, self.fixed.ground);
+        let (weights, context) = (&self.fixed.weights, self.fixed.context);
         let stride = samples.len() / COST_SAMPLES;
         let way = self.chain.lengths[i] / COST_SAMPLES as f64;
         let mut by_length = 0.0;
         for s in samples.iter().skip(stride - 1).step_by(stride) {
             let place = self.fixed.frame.to_world(s.pose.position);
-            let Frenet { s: station, l } = ground.reference.project_near(place, about + way);
+            let Frenet { s: station, l } = context.reference.project_near(place, about + way);
             about = station;
-            let normal = Pose { yaw: ground.reference.at(station).pose.yaw - self.fixed.frame.yaw, ..s.pose }.left();
+            let normal = Pose { yaw: context.reference.at(station).pose.yaw - self.fixed.frame.yaw, ..s.pose }.left();
             let terms = self.moved(i, s, normal, 0.0);
             by_length += weights.offset * l.abs().min(OFFSET_SATURATES).powi(2);
             if l.abs() < OFFSET_SATURATES {
                 self.program.add_square(weights.offset * way, &terms, -l);
             }
-            let (left, right) = ground.reference.lane_bounds(station);
-            let sides = [(1.0, l + ground.half_width - left), (-1.0, ground.half_width - l - right)];
-            by_length += weights.lane * sides[0].1.max(sides[1].1).max(0.0);
+            let (left, right) = context.reference.lane_bounds(station);
+            let sides = [(1.0, l + context.half_width - left), (-1.0, context.half_width - l - right)];
+            by_length += weights.lane_deviation * sides[0].1.max(sides[1].1).max(0.0);
             if sides.iter().all(|(_, over)| *over <= -self.radius) {
                 continue;
             }
             let over = self.program.add_variable();
-            self.program.add_linear(over, weights.lane * way);
+            self.program.add_linear(over, weights.lane_deviation * way);
             self.program.between(0.0, &[(over, 1.0)], f64::INFINITY);
             for (side, now) in sides {
                 let mut row: Vec<Term> = terms.iter().map(|(variable, by)| (*variable, -side * by)).collect();

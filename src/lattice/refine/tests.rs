@@ -64,7 +64,7 @@ impl Scene {
         fixtures::scenario(self.network(), (10..).zip(&self.cars).map(car).collect())
     }
 
-    fn with_ground<T>(&self, test: impl FnOnce(&Ground<'_>) -> T) -> T {
+    fn with_context<T>(&self, test: impl FnOnce(&LatticeContext<'_>) -> T) -> T {
         let scenario = self.scenario();
         let vehicle = crate::vehicle::load("bmw_320i").unwrap();
         let reference = ReferenceLine::new(&scenario.network, &[1], vehicle.width, &ReferenceSettings::default());
@@ -72,11 +72,17 @@ impl Scene {
         let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
         // 11 m/s at the car's comfort
         let full_speed_curvature = 3.0 / 121.0;
-        test(&Ground { reference: &reference.unwrap(), world: &world, max_curvature, full_speed_curvature, half_width })
+        test(&LatticeContext {
+            reference: &reference.unwrap(),
+            world: &world,
+            max_curvature,
+            full_speed_curvature,
+            half_width,
+        })
     }
 
     /// The path that the lattice would have through nodes.
-    fn path(&self, ground: &Ground<'_>, nodes: &[(f64, f64)]) -> LatticePath {
+    fn path(&self, context: &LatticeContext<'_>, nodes: &[(f64, f64)]) -> LatticePath {
         let node = |(s, l): (f64, f64)| {
             let shrink = 1.0 - self.bend * l;
             (self.at(s, l), self.side * self.bend / shrink)
@@ -97,23 +103,23 @@ impl Scene {
             kept: 0,
             sweeps: vec![],
             blocked_by: None,
-            terms: CostTerms { missing: 5.0, ..CostTerms::default() },
+            terms: CostTerms { progress_shortfall: 5.0, ..CostTerms::default() },
             end_offset: nodes[nodes.len() - 1].1,
             first_offset: nodes[1].1,
         };
         let weights = Weights::default();
         let (commitment, allowance) = (Commitment::default(), Allowance::NONE);
-        let stage = Stage::of(ground, &blank, &allowance, &weights, &commitment).unwrap();
+        let stage = Stage::of(context, &blank, &allowance, &weights, &commitment).unwrap();
         let measured = stage.measured(&Chain::of(&spirals).unwrap()).expect("the path must be free");
         let sweeps =
-            blank.path.pieces().map(|(_, start, spiral)| Arc::new(ground.world.sweep(start, spiral))).collect();
+            blank.path.pieces().map(|(_, start, spiral)| Arc::new(context.world.sweep(start, spiral))).collect();
         LatticePath { terms: blank.terms.plus(&measured.terms), sweeps, ..blank }
     }
 }
 
-fn refine(ground: &Ground<'_>, path: &LatticePath, settings: &RefinementSettings) -> Option<LatticePath> {
+fn refine(context: &LatticeContext<'_>, path: &LatticePath, settings: &RefinementSettings) -> Option<LatticePath> {
     let (weights, none) = (Weights::default(), Commitment::default());
-    refined(ground, path, &Allowance::NONE, FRONT, &weights, &none, settings)
+    refined(context, path, &Allowance::NONE, FRONT, &weights, &none, settings)
 }
 
 fn energy(path: &Path) -> f64 {
@@ -126,9 +132,9 @@ fn spirals(path: &Path) -> Vec<CubicSpiral> {
 
 /// The original and the refined path of the slalom.
 fn slalom(scene: &Scene) -> (LatticePath, LatticePath) {
-    scene.with_ground(|ground| {
-        let path = scene.path(ground, &SLALOM);
-        let better = refine(ground, &path, &RefinementSettings::default()).expect("there is much to gain");
+    scene.with_context(|context| {
+        let path = scene.path(context, &SLALOM);
+        let better = refine(context, &path, &RefinementSettings::default()).expect("there is much to gain");
         (path, better)
     })
 }
@@ -145,7 +151,7 @@ fn cost_and_bending_energy_go_down_and_the_ends_stay() {
     );
     assert!(better.terms.total() < 0.9 * path.terms.total());
     assert!(energy(&better.path) < 0.8 * energy(&path.path));
-    assert_eq!(better.terms.missing, path.terms.missing);
+    assert_eq!(better.terms.progress_shortfall, path.terms.progress_shortfall);
     assert_eq!(better.free_length, better.path.length());
     assert_eq!(better.sweeps.len(), 5);
     let ends = |p: &Path| (p.at(0.0), p.at(p.length()));
@@ -161,20 +167,21 @@ fn cost_and_bending_energy_go_down_and_the_ends_stay() {
 
 #[test]
 fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
-    Scene::slalom().with_ground(|ground| {
+    Scene::slalom().with_context(|context| {
         // 20 m/s at the car's comfort: too fast for the slalom
-        let ground = &Ground { full_speed_curvature: 3.0 / 400.0, ..*ground };
-        let path = Scene::slalom().path(ground, &SLALOM);
-        let better = refine(ground, &path, &RefinementSettings::default()).unwrap();
+        let context = &LatticeContext { full_speed_curvature: 3.0 / 400.0, ..*context };
+        let path = Scene::slalom().path(context, &SLALOM);
+        let better = refine(context, &path, &RefinementSettings::default()).unwrap();
         let weights = Weights::default();
-        let mut sum = CostTerms { missing: 5.0, ..CostTerms::default() };
+        let mut sum = CostTerms { progress_shortfall: 5.0, ..CostTerms::default() };
         for (_, start, spiral) in better.path.pieces() {
-            let ends = [*start, spiral.end(start)].map(|p| ground.reference.project(p.position).s);
-            let (least, bends) = least_terms(ground, start, spiral, ends.into(), &weights);
-            sum = sum.plus(&checked(ground, (start, spiral), &least, &Before::NOTHING, &weights).terms);
-            sum.slowing += weights.slowing * bends.slowing(spiral.length, ground.full_speed_curvature);
+            let ends = [*start, spiral.end(start)].map(|p| context.reference.project(p.position).s);
+            let (least, bends) = least_terms(context, start, spiral, ends.into(), &weights);
+            sum = sum.plus(&checked(context, (start, spiral), &least, &KeptPrefix::NOTHING, &weights).terms);
+            sum.curve_slowdown +=
+                weights.curve_slowdown * bends.curve_slowdown(spiral.length, context.full_speed_curvature);
         }
-        assert!(sum.slowing > 0.0, "the slalom must be too sharp somewhere");
+        assert!(sum.curve_slowdown > 0.0, "the slalom must be too sharp somewhere");
         assert!((sum.total() - better.terms.total()).abs() < 1e-9, "{sum:?} {:?}", better.terms);
     });
 }
@@ -183,14 +190,14 @@ fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
 fn every_pose_keeps_its_margins_and_the_corridor() {
     for limit in [0.15, 0.5] {
         let scene = Scene::slalom();
-        scene.with_ground(|ground| {
-            let path = scene.path(ground, &SLALOM);
+        scene.with_context(|context| {
+            let path = scene.path(context, &SLALOM);
             let settings = RefinementSettings { corridor: limit, ..RefinementSettings::default() };
-            let better = refine(ground, &path, &settings).unwrap();
+            let better = refine(context, &path, &settings).unwrap();
             let line = Polyline::new(path.path.sampled(0.05).into_iter().map(|(_, p)| p.pose.position)).unwrap();
             for (_, point) in better.path.sampled(0.05) {
-                let here = ground.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
-                assert_eq!(ground.world.static_hit(&here), None, "at {:?}", point.pose);
+                let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
+                assert_eq!(context.world.static_hit(&here), None, "at {:?}", point.pose);
                 // the linearisation misses some centimetres
                 let offset = line.project(point.pose.position).offset;
                 assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
@@ -206,13 +213,13 @@ fn a_passage_without_room_is_passed_where_it_was() {
     // half of the car's width, the vehicle's and the margin, and a centimetre
     let beside = 0.9 + 0.805 + 0.2 + 0.02;
     let scene = Scene { cars: vec![(32.0, beside), (32.0, -beside)], bend: 0.0, ..Scene::slalom() };
-    scene.with_ground(|ground| {
-        let path = scene.path(ground, &nodes);
-        let better = refine(ground, &path, &RefinementSettings::default()).unwrap_or_else(|| path.clone());
+    scene.with_context(|context| {
+        let path = scene.path(context, &nodes);
+        let better = refine(context, &path, &RefinementSettings::default()).unwrap_or_else(|| path.clone());
         assert!(better.terms.total() <= path.terms.total());
         for (_, point) in better.path.sampled(0.05) {
-            let here = ground.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
-            assert_eq!(ground.world.static_hit(&here), None);
+            let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
+            assert_eq!(context.world.static_hit(&here), None);
         }
     });
 }
@@ -220,20 +227,20 @@ fn a_passage_without_room_is_passed_where_it_was() {
 #[test]
 fn a_corridor_without_width_and_a_single_edge_leave_the_path() {
     let scene = Scene::slalom();
-    scene.with_ground(|ground| {
-        let path = scene.path(ground, &SLALOM);
+    scene.with_context(|context| {
+        let path = scene.path(context, &SLALOM);
         let narrow = RefinementSettings { corridor: 1e-9, ..RefinementSettings::default() };
-        assert!(refine(ground, &path, &narrow).is_none());
+        assert!(refine(context, &path, &narrow).is_none());
         let weights = Weights::default();
         let (commitment, allowance) = (Commitment::default(), Allowance::NONE);
-        let stage = Stage::of(ground, &path, &allowance, &weights, &commitment).unwrap();
+        let stage = Stage::of(context, &path, &allowance, &weights, &commitment).unwrap();
         let original = Chain::of(&stage.movable).unwrap();
         assert!(stage.program(&original, FRONT, 0.0).is_none(), "nothing to vary in no room");
         // the edge that ends in front of something stays as it is
-        let two = scene.path(ground, &[(0.0, 0.3), (12.0, 1.6), (30.0, 1.2)]);
-        assert!(refine(ground, &two, &RefinementSettings::default()).is_some());
+        let two = scene.path(context, &[(0.0, 0.3), (12.0, 1.6), (30.0, 1.2)]);
+        assert!(refine(context, &two, &RefinementSettings::default()).is_some());
         let blocked = LatticePath { blocked_by: Some(crate::collision::Blocker::Obstacle(10)), ..two };
-        assert!(refine(ground, &blocked, &RefinementSettings::default()).is_none());
+        assert!(refine(context, &blocked, &RefinementSettings::default()).is_none());
     });
 }
 
@@ -261,10 +268,10 @@ fn a_moved_map_has_the_same_result() {
 #[test]
 fn a_path_that_is_best_already_stays() {
     let scene = Scene::slalom().empty();
-    scene.with_ground(|ground| {
+    scene.with_context(|context| {
         let settings = RefinementSettings::default();
-        let on_line = scene.path(ground, &[(0.0, 0.0), (20.0, 0.0), (50.0, 0.0), (80.0, 0.0)]);
-        assert!(refine(ground, &on_line, &settings).is_none(), "an arc along the line");
+        let on_line = scene.path(context, &[(0.0, 0.0), (20.0, 0.0), (50.0, 0.0), (80.0, 0.0)]);
+        assert!(refine(context, &on_line, &settings).is_none(), "an arc along the line");
     });
 }
 
@@ -272,11 +279,11 @@ fn a_path_that_is_best_already_stays() {
 #[test]
 fn refining_again_settles() {
     let scene = Scene::slalom();
-    scene.with_ground(|ground| {
+    scene.with_context(|context| {
         let settings = RefinementSettings::default();
-        let first = refine(ground, &scene.path(ground, &SLALOM), &settings).unwrap();
+        let first = refine(context, &scene.path(context, &SLALOM), &settings).unwrap();
         let (mut path, mut rounds) = (first.clone(), 0);
-        while let Some(next) = refine(ground, &path, &settings) {
+        while let Some(next) = refine(context, &path, &settings) {
             assert!(next.terms.total() < path.terms.total());
             path = next;
             rounds += 1;
@@ -291,14 +298,14 @@ fn refining_again_settles() {
 #[test]
 fn the_committed_path_pulls_and_is_priced_as_the_planner_does() {
     let scene = Scene::slalom();
-    scene.with_ground(|ground| {
-        let path = scene.path(ground, &SLALOM);
-        let free = refine(ground, &path, &RefinementSettings::default()).unwrap();
+    scene.with_context(|context| {
+        let path = scene.path(context, &SLALOM);
+        let free = refine(context, &path, &RefinementSettings::default()).unwrap();
         let poses = [5.0, 10.0, 20.0, 30.0].map(|d| (d, path.path.at(d).pose)).to_vec();
         let commitment = Commitment { poses, price: 10.0, most: f64::INFINITY };
         assert!(commitment.cost(&path.path) < 1e-9);
         let (weights, settings) = (Weights::default(), RefinementSettings::default());
-        let held = refined(ground, &path, &Allowance::NONE, FRONT, &weights, &commitment, &settings).unwrap();
+        let held = refined(context, &path, &Allowance::NONE, FRONT, &weights, &commitment, &settings).unwrap();
         let (far, near) = (commitment.cost(&free.path), commitment.cost(&held.path));
         assert!(near < 0.3 * far, "{near} {far}");
         let total = |p: &LatticePath| p.terms.total() + commitment.cost(&p.path);
@@ -309,10 +316,10 @@ fn the_committed_path_pulls_and_is_priced_as_the_planner_does() {
 #[test]
 fn curvature_stays_within_a_bound_that_bites() {
     let scene = Scene { bend: 0.0, ..Scene::slalom() }.empty();
-    scene.with_ground(|ground| {
-        let path = scene.path(ground, &[(0.0, 2.0), (12.0, 0.5), (24.0, 0.6), (36.0, -1.2), (50.0, 0.0)]);
+    scene.with_context(|context| {
+        let path = scene.path(context, &[(0.0, 2.0), (12.0, 0.5), (24.0, 0.6), (36.0, -1.2), (50.0, 0.0)]);
         let bound = spirals(&path.path).iter().fold(0.0_f64, |m, s| m.max(s.max_abs_curvature()));
-        let tight = Ground { max_curvature: 0.5 * bound, ..*ground };
+        let tight = LatticeContext { max_curvature: 0.5 * bound, ..*context };
         let rate = |p: &Path| spirals(p).iter().fold(0.0_f64, |m, s| m.max(s.max_abs_curvature_rate()));
         let better = refine(&tight, &path, &RefinementSettings::default()).unwrap();
         for spiral in spirals(&better.path) {
@@ -379,7 +386,7 @@ fn searched(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
 
 #[test]
 fn a_slow_search_finds_nothing_better_by_a_hundredth() {
-    let weights = Weights { offset: 0.0, lane: 0.0, clearance: 0.0, ..Weights::default() };
+    let weights = Weights { offset: 0.0, lane_deviation: 0.0, clearance: 0.0, ..Weights::default() };
     let scene = Scene { bend: 0.0, ..Scene::slalom() }.empty();
     let cases: [&[(f64, f64)]; 3] = [
         &[(0.0, 0.0), (18.0, 0.8), (40.0, 0.5)],
@@ -387,14 +394,14 @@ fn a_slow_search_finds_nothing_better_by_a_hundredth() {
         &[(0.0, 0.0), (20.0, 0.4), (36.0, 1.1), (60.0, 1.0)],
     ];
     for nodes in cases {
-        scene.with_ground(|ground| {
-            let path = scene.path(ground, nodes);
+        scene.with_context(|context| {
+            let path = scene.path(context, nodes);
             let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, least_gain: 1e-4 };
             let start = std::time::Instant::now();
             let none = Commitment::default();
-            let better = refined(ground, &path, &Allowance::NONE, FRONT, &weights, &none, &settings).unwrap();
+            let better = refined(context, &path, &Allowance::NONE, FRONT, &weights, &none, &settings).unwrap();
             let quick = refined(
-                ground,
+                context,
                 &path,
                 &Allowance::NONE,
                 FRONT,

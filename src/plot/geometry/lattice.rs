@@ -4,7 +4,7 @@ use super::{LEGEND, band, dot, framed, label, legend_row, sheet, stroke};
 use crate::collision::{CollisionSettings, CollisionWorld, Margins, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::{Point, Pose, wrap_angle};
-use crate::lattice::{EdgeStore, Ground, LatticePath, Root, Settings, paths};
+use crate::lattice::{EdgeStore, LatticeContext, LatticePath, Root, Settings, paths};
 use crate::map::Scenario;
 use crate::plot::axes::Area;
 use crate::plot::outline::{Bounds, obstacle_outlines};
@@ -55,8 +55,8 @@ impl<'a> Stage<'a> {
         Some(Self { scenario, vehicle, world, reference, settings: Settings::default() })
     }
 
-    fn ground(&self) -> Ground<'_> {
-        Ground {
+    fn context(&self) -> LatticeContext<'_> {
+        LatticeContext {
             reference: &self.reference,
             world: &self.world,
             max_curvature: self.vehicle.max_curvature(),
@@ -71,7 +71,7 @@ impl<'a> Stage<'a> {
         let allowance = crate::collision::Allowance::NONE;
         let root = Root { pose: start.pose, curvature: start.curvature, kept: vec![], start: start.pose, allowance };
         let mut store = EdgeStore::default();
-        paths(&self.ground(), &root, SPEED, HORIZON, &self.settings, &mut store).into_iter().next()
+        paths(&self.context(), &root, SPEED, HORIZON, &self.settings, &mut store).into_iter().next()
     }
 
     /// The nodes of each layer that the chain passes through, beginning with its start.

@@ -59,13 +59,13 @@ fn band(top: f64, height: f64) -> Area {
     Area { corner: (MARGIN, top), width: CONTENT, height }
 }
 
-/// A view of the plane, clipped to its area, on a ground of the given colour.
-fn framed(svg: &mut Svg, id: &str, view: &View, ground: &str, draw: impl FnOnce(&mut Svg)) {
+/// A view of the plane, clipped to its area, on a context of the given colour.
+fn framed(svg: &mut Svg, id: &str, view: &View, context: &str, draw: impl FnOnce(&mut Svg)) {
     let (area, clip) = (view.area, format!("clip-{id}"));
     let rect = || Element::rect(area.corner, area.width, area.height).num("rx", 4.0);
     svg.group(&Element::new("clipPath").with("id", &clip), |svg| svg.add(&rect()));
     svg.group(&Element::new("g").with("id", id).with("clip-path", &format!("url(#{clip})")), |svg| {
-        svg.add(&rect().with("fill", ground));
+        svg.add(&rect().with("fill", context));
         draw(svg);
     });
 }

@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 use crate::regression::{DriveReport, Status, Summary};
 
 /// The report's `format`.
-pub const FORMAT: &str = "stopline.check/1";
+pub const FORMAT: &str = "stopline.check/2";
 
 /// All suites with all drives. Settings stand once in `configs`, as TOML under a short hash: JSON has no infinity.
 #[must_use]

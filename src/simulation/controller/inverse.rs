@@ -115,7 +115,7 @@ impl<'a> Inverse<'a> {
     }
 
     fn bend(&self, station: f64) -> f64 {
-        self.path.bend_at(station).0
+        self.path.curvature_and_rate_at(station).0
     }
 
     fn bend_rate(&self, station: f64) -> f64 {

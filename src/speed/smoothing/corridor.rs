@@ -232,7 +232,7 @@ mod tests {
             let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
             let Some(searched) = found.proven().and_then(|plan| unsmoothed(&problem, &plan)) else { return Ok(()) };
             let corridor = Corridor::new(&problem, &searched);
-            let Ok(smooth) = smooth_and_prove(&problem, &problem.caps, &searched, 0.0, &Settings::default()) else {
+            let Ok(smooth) = smooth_and_prove(&problem, &problem.speed_limits, &searched, 0.0, &Settings::default()) else {
                 return Ok(());
             };
             prop_assert_eq!(prove(&problem, &smooth.profile), Ok(()));

@@ -96,7 +96,7 @@ pub enum Failure {
     /// `no_solution`: the program has none.
     NoSolution,
     /// Its solutions were refuted; the last one for the reason of this code ([`Refutation::CODES`]).
-    Refuted(&'static str),
+    ReverificationFailed(&'static str),
 }
 
 impl Failure {
@@ -110,29 +110,29 @@ impl Failure {
     pub fn code(self) -> &'static str {
         match self {
             Self::NoSolution => "no_solution",
-            Self::Refuted(code) => code,
+            Self::ReverificationFailed(code) => code,
         }
     }
 }
 
 /// The smoothed profile, starting with `start_acceleration` (m/s²), if one can be proved for `problem`. It is guided by
-/// `guide_caps`, which may keep a reserve to the problem's own.
+/// `target_speed_limits`, which may keep a reserve to the problem's own.
 ///
 /// # Errors
 /// Why there is none, within the firm jerk.
 pub fn smooth_and_prove(
     problem: &SpeedProblem,
-    guide_caps: &[f64],
+    target_speed_limits: &[f64],
     searched: &SpeedProfile,
     start_acceleration: f64,
     settings: &Settings,
 ) -> Result<Smoothed, Failure> {
-    let Some(program) = Program::new(problem, guide_caps, searched, start_acceleration, settings) else {
+    let Some(program) = Program::new(problem, target_speed_limits, searched, start_acceleration, settings) else {
         // it stands and goes on standing: nothing is smoother
         let profile = searched.clone();
         return match prove(problem, &profile) {
             Ok(()) => Ok(Smoothed { profile, is_firm: false }),
-            Err(why) => Err(Failure::Refuted(why.code())),
+            Err(why) => Err(Failure::ReverificationFailed(why.code())),
         };
     };
     let comfortable = solve_and_prove(problem, &program, searched, settings.jerk);
@@ -143,8 +143,8 @@ pub fn smooth_and_prove(
     solve_and_prove(problem, &program, searched, firm).map(|profile| Smoothed { profile, is_firm: true })
 }
 
-/// A proved solution within a jerk (m/s³). The first one is of the rows that are likely to bite, with caps read along
-/// the searched plan; the others are of all rows, with caps read along the solution before: a sequential convex program of
+/// A proved solution within a jerk (m/s³). The first one is of the rows that are likely to bite, with speed_limits read along
+/// the searched plan; the others are of all rows, with speed_limits read along the solution before: a sequential convex program of
 /// a few steps.
 fn solve_and_prove(
     problem: &SpeedProblem,
@@ -162,7 +162,7 @@ fn solve_and_prove(
         };
         match prove(problem, &solution) {
             Ok(()) => return Ok(solution),
-            Err(why) => failure = Failure::Refuted(why.code()),
+            Err(why) => failure = Failure::ReverificationFailed(why.code()),
         }
         along = solution;
     }
@@ -183,8 +183,8 @@ mod tests {
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
         let searched = searched(problem);
         let settings = Settings::default();
-        let smooth =
-            smooth_and_prove(problem, &problem.caps, &searched, start_acceleration, &settings).expect("solvable");
+        let smooth = smooth_and_prove(problem, &problem.speed_limits, &searched, start_acceleration, &settings)
+            .expect("solvable");
         assert!(!smooth.is_firm);
         let smooth = smooth.profile;
         assert_eq!(prove(problem, &smooth), Ok(()));
@@ -221,7 +221,8 @@ mod tests {
     #[test]
     fn a_planned_stop_is_met_to_the_centimetre() {
         let mut problem = empty_road(60.0, 10.0);
-        problem.caps = bounds::braking_caps(&problem.stations, 1.4).iter().map(|c| c.min(15.0)).collect();
+        problem.speed_limits =
+            bounds::braking_speed_limits(&problem.stations, 1.4).iter().map(|c| c.min(15.0)).collect();
         let end = check(&problem, 0.0).last().station;
         assert!((end - 60.0).abs() < 0.02, "stops at {end}");
     }
@@ -237,7 +238,7 @@ mod tests {
         });
         let smooth = |jerk| {
             let settings = Settings { jerk, firm_jerk: 10.0, ..Settings::default() };
-            smooth_and_prove(&problem, &problem.caps, &searched, 0.0, &settings).expect("firm does")
+            smooth_and_prove(&problem, &problem.speed_limits, &searched, 0.0, &settings).expect("firm does")
         };
         let (gentle, firm) = (smooth(8.0), smooth(1.0));
         assert!(!gentle.is_firm && firm.is_firm);
@@ -255,7 +256,7 @@ mod tests {
         let stays =
             SpeedProfile::new(vec![SpeedKnot { time: 0.0, station: 0.0, speed: 0.0, acceleration: 0.0, jerk: 0.0 }]);
         let stays = stays.unwrap();
-        let same = smooth_and_prove(&problem, &problem.caps, &stays, -0.2, &Settings::default()).unwrap();
+        let same = smooth_and_prove(&problem, &problem.speed_limits, &stays, -0.2, &Settings::default()).unwrap();
         assert_eq!(same.profile, stays);
     }
 
@@ -268,7 +269,7 @@ mod tests {
             SpeedKnot { time: 0.3, station: 1.5, speed: 0.0, acceleration: 0.0, jerk: 0.0 },
         ])
         .unwrap();
-        let found = smooth_and_prove(&problem, &problem.caps, &short, 0.0, &Settings::default());
+        let found = smooth_and_prove(&problem, &problem.speed_limits, &short, 0.0, &Settings::default());
         assert_eq!(found, Err(Failure::NoSolution));
     }
 }

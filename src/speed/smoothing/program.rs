@@ -18,7 +18,7 @@ pub(super) enum Rows {
 /// What does not change from solution to solution.
 pub(super) struct Program<'a> {
     problem: &'a SpeedProblem,
-    caps: &'a [f64],
+    speed_limits: &'a [f64],
     settings: &'a Settings,
     /// Where it starts: at the end of a wait, if the searched plan begins with one.
     start: SpeedKnot,
@@ -52,7 +52,7 @@ impl<'a> Program<'a> {
     /// The program for a searched plan; `None` if the plan goes nowhere.
     pub(super) fn new(
         problem: &'a SpeedProblem,
-        caps: &'a [f64],
+        speed_limits: &'a [f64],
         searched: &SpeedProfile,
         start_acceleration: f64,
         settings: &'a Settings,
@@ -77,7 +77,15 @@ impl<'a> Program<'a> {
         let times = knot_times(searched.duration() - start.time + settings.extra_time, settings.step);
         let wanted = times.iter().map(|t| searched.at(start.time + t)).collect();
         let corridor = Corridor::new(problem, searched);
-        Some(Self { problem, caps, settings, start: SpeedKnot { acceleration, ..start }, times, wanted, corridor })
+        Some(Self {
+            problem,
+            speed_limits,
+            settings,
+            start: SpeedKnot { acceleration, ..start },
+            times,
+            wanted,
+            corridor,
+        })
     }
 
     /// Whether some rows of [`Rows::Near`] are stricter than those of [`Rows::All`].
@@ -85,7 +93,7 @@ impl<'a> Program<'a> {
         self.corridor.is_thinned()
     }
 
-    /// The solution within a jerk (m/s³), with caps read along `along`. It is not proven.
+    /// The solution within a jerk (m/s³), with speed_limits read along `along`. It is not proven.
     pub(super) fn solve(&self, along: &SpeedProfile, jerk: f64, rows: Rows) -> Option<SpeedProfile> {
         let mut qp = QuadraticProgram::new(3 * self.times.len());
         self.add_objective(&mut qp);
@@ -162,9 +170,9 @@ impl<'a> Program<'a> {
                 qp.between(0.0, &[(v(k), 1.0), (a(k), 0.5 * self.step(k))], f64::INFINITY);
             }
             let station = along.at(self.start.time + self.times[k]).station;
-            let (cap, slope) = cap_line(self.problem, self.caps, station);
+            let (cap, slope) = cap_line(self.problem, self.speed_limits, station);
             if is_near(cap + slope * wanted.station - wanted.speed, NEAR_CAP) {
-                // caps are soft: a start acceleration may carry the speed over one, and a proof follows anyway
+                // speed_limits are soft: a start acceleration may carry the speed over one, and a proof follows anyway
                 let over = qp.add_variable();
                 qp.between(0.0, &[(over, 1.0)], f64::INFINITY);
                 qp.add_square(OVER_CAP_WEIGHT, &[(over, 1.0)], 0.0);
@@ -207,17 +215,18 @@ impl<'a> Program<'a> {
         if self.start.time > 0.0 {
             knots.push(SpeedKnot { time: 0.0, ..self.start });
         }
-        let slow_from = (0..=self.last()).rev().take_while(|k| x[v(*k)] < AT_REST).last().unwrap_or(self.last());
+        let slow_from =
+            (0..=self.last()).rev().take_while(|k| x[v(*k)] < STANDSTILL_SPEED).last().unwrap_or(self.last());
         let mut knot = self.start;
         for k in 0..self.last() {
-            if knot.speed < AT_REST && k >= slow_from {
+            if knot.speed < STANDSTILL_SPEED && k >= slow_from {
                 break;
             }
             knot.jerk = (x[a(k + 1)] - x[a(k)]) / self.step(k);
             knots.push(knot);
             knot = knot.after(self.step(k));
         }
-        if knot.speed > AT_REST {
+        if knot.speed > STANDSTILL_SPEED {
             return None;
         }
         knots.push(SpeedKnot { speed: 0.0, acceleration: 0.0, jerk: 0.0, ..knot });
@@ -254,23 +263,23 @@ fn knot_times(duration: f64, step: f64) -> Vec<f64> {
 /// Steepest fall of a cap that is followed, 1/s. The braking curve's slope grows without bound towards its end.
 const STEEPEST_CAP: f64 = -3.0;
 
-/// The cap near `station` as a line in the station, `v ≤ c + c′ s`: the tangent where caps fall (a braking curve is
+/// The cap near `station` as a line in the station, `v ≤ c + c′ s`: the tangent where speed_limits fall (a braking curve is
 /// concave, so its tangent is close above it), the cap itself elsewhere. Returns `(c, c′)`.
-fn cap_line(problem: &SpeedProblem, caps: &[f64], station: f64) -> (f64, f64) {
+fn cap_line(problem: &SpeedProblem, speed_limits: &[f64], station: f64) -> (f64, f64) {
     let nodes = &problem.stations;
     let cells = problem.cells();
     if cells == 0 {
         return (0.0, 0.0);
     }
     let cell = nodes.partition_point(|&n| n <= station).clamp(1, cells) - 1;
-    let slope = (caps[cell + 1] - caps[cell]) / (nodes[cell + 1] - nodes[cell]);
+    let slope = (speed_limits[cell + 1] - speed_limits[cell]) / (nodes[cell + 1] - nodes[cell]);
     let slope = slope.clamp(STEEPEST_CAP, 0.0);
-    let highest = caps[cell].max(caps[cell + 1] - slope * (nodes[cell + 1] - nodes[cell]));
+    let highest = speed_limits[cell].max(speed_limits[cell + 1] - slope * (nodes[cell + 1] - nodes[cell]));
     (highest - slope * nodes[cell], slope)
 }
 
 /// Speeds below this at the end of the solution are rest (m/s): the program's own tolerance is 1e-8.
-const AT_REST: f64 = 2e-3;
+const STANDSTILL_SPEED: f64 = 2e-3;
 
 #[cfg(test)]
 mod tests {

@@ -7,7 +7,7 @@
 //!
 //! **Cost.** At most one regular fork each interval and a fixed number of changes in a run
 //! ([`FallbackSettings`](crate::verdict::FallbackSettings)); each is at most [`LONGEST`] of physics, in fact the duration of
-//! one plan. Forks are driven in parallel, in batches that bound the memory, and judged in the order of their cycles: the
+//! one plan. FallbackBranches are driven in parallel, in batches that bound the memory, and judged in the order of their cycles: the
 //! same bytes for any number of threads.
 
 use rayon::prelude::*;
@@ -17,11 +17,11 @@ use crate::planner::{Cycle, Decision};
 use crate::simulation::{Log, World};
 use crate::trajectory::Trajectory;
 use crate::vehicle::Vehicle;
-use crate::verdict::{self, Fallback, FallbackJudge, Fork};
+use crate::verdict::{self, Fallback, FallbackBranch, FallbackJudge};
 
 /// Times after a cycle at which the old and the new plan are compared, s.
 const COMPARED: [f64; 4] = [0.5, 1.0, 2.0, 3.0];
-/// Plans that are apart by more than this somewhere there are different ones, m.
+/// MotionPlanner that are apart by more than this somewhere there are different ones, m.
 const CHANGE: f64 = 0.5;
 /// Worlds kept at a time.
 const BATCH: usize = 32;
@@ -34,8 +34,8 @@ const OVERDUE: f64 = 2.0;
 /// Regular samples may be early by this, s: times of cycles are sums of steps.
 const ROUNDING: f64 = 1e-6;
 
-/// Forks of a run, driven a batch at a time.
-pub(super) struct Forks<'a> {
+/// FallbackBranches of a run, driven a batch at a time.
+pub(super) struct FallbackBranches<'a> {
     judge: FallbackJudge<'a>,
     settings: verdict::Settings,
     waiting: Vec<Waiting>,
@@ -60,7 +60,7 @@ struct Waiting {
     inherited: f64,
 }
 
-impl<'a> Forks<'a> {
+impl<'a> FallbackBranches<'a> {
     pub(super) fn new(scenario: &'a Scenario, vehicle: &'a Vehicle, settings: &verdict::Settings) -> Self {
         Self {
             judge: FallbackJudge::new(scenario, vehicle, settings),
@@ -112,8 +112,8 @@ impl<'a> Forks<'a> {
         let (judge, settings) = (&self.judge, &self.settings);
         let assess = |waiting: Waiting| {
             let Waiting { world, cycle, is_change, trajectory, promised, inherited } = waiting;
-            let log = driven(world, &trajectory, settings.rest_speed);
-            let fork = Fork { cycle, is_change, trajectory: &trajectory, promised, inherited, log: &log };
+            let log = driven(world, &trajectory, settings.standstill_speed);
+            let fork = FallbackBranch { cycle, is_change, trajectory: &trajectory, promised, inherited, log: &log };
             judge.assess(&fork)
         };
         self.judged.par_extend(std::mem::take(&mut self.waiting).into_par_iter().map(assess));
@@ -133,11 +133,11 @@ fn differ(old: &Trajectory, new: &Trajectory, time: f64) -> bool {
 }
 
 /// Follows the trajectory to its end and a little longer.
-fn driven(mut world: World, trajectory: &Trajectory, rest_speed: f64) -> Log {
+fn driven(mut world: World, trajectory: &Trajectory, standstill_speed: f64) -> Log {
     let mut log = Log::default();
     let end = trajectory.end_time().max(world.time()).min(world.time() + LONGEST);
     world.follow(trajectory, end + SETTLED, &mut log);
-    if log.samples.last().is_some_and(|s| s.speed.abs() > rest_speed) {
+    if log.samples.last().is_some_and(|s| s.speed.abs() > standstill_speed) {
         world.follow(trajectory, end + OVERDUE, &mut log);
     }
     log

@@ -10,7 +10,7 @@
 //! asked for: whoever drives the road slows down for them, and a chain that stops short of a bend must not be the cheaper
 //! for it. c ([`FOLLOWING`]) is for edges that follow a bend, whose curvature comes out a little above the bend's.
 //!
-//! Slowing down to the speed in question and gaining speed again is not in it; `planner.lattice.weights.slowing` is above
+//! Slowing down to the speed in question and gaining speed again is not in it; `planner.lattice.weights.curve_slowdown` is above
 //! 1 for that.
 //!
 //! The curvatures belong to the edge and are kept with it; κ₀ changes from cycle to cycle and comes in when a search asks.
@@ -40,7 +40,7 @@ impl Bends {
     }
 
     /// Way lost over a length (m) where curvatures up to `full_speed` (1/m) can be driven at the present speed, m.
-    pub(super) fn slowing(&self, length: f64, full_speed: f64) -> f64 {
+    pub(super) fn curve_slowdown(&self, length: f64, full_speed: f64) -> f64 {
         if self.sharpest <= full_speed {
             return 0.0;
         }
@@ -66,8 +66,8 @@ mod tests {
             for curvature in [0.0, 0.003, -0.02, 0.1, -0.2] {
                 let bends = Bends::new([(curvature, 0.0); SAMPLES]);
                 let lost = speed * (time(length, curvature, speed, lateral) - length / speed);
-                let slowing = bends.slowing(length, lateral / (speed * speed));
-                assert!((slowing - lost).abs() < 1e-12 * length.max(lost), "{slowing} {lost}");
+                let curve_slowdown = bends.curve_slowdown(length, lateral / (speed * speed));
+                assert!((curve_slowdown - lost).abs() < 1e-12 * length.max(lost), "{curve_slowdown} {lost}");
             }
         }
     }
@@ -75,18 +75,19 @@ mod tests {
     #[test]
     fn nothing_is_lost_at_rest_nor_on_a_bend_of_the_road_whichever_way_it_goes() {
         let sharp = Bends::new([(0.2, 0.0); SAMPLES]);
-        assert_eq!(sharp.slowing(10.0, f64::INFINITY), 0.0);
+        assert_eq!(sharp.curve_slowdown(10.0, f64::INFINITY), 0.0);
         for (edge, line) in [(0.1, 0.1), (-0.1, -0.1), (0.1, 0.08), (0.05, 0.1)] {
-            assert_eq!(Bends::new([(edge, line); SAMPLES]).slowing(10.0, 0.01), 0.0);
+            assert_eq!(Bends::new([(edge, line); SAMPLES]).curve_slowdown(10.0, 0.01), 0.0);
         }
-        let [on_bend, on_straight] = [0.05, 0.0].map(|line| Bends::new([(0.1, line); SAMPLES]).slowing(10.0, 0.01));
+        let [on_bend, on_straight] =
+            [0.05, 0.0].map(|line| Bends::new([(0.1, line); SAMPLES]).curve_slowdown(10.0, 0.01));
         assert!(0.0 < on_bend && on_bend < on_straight, "{on_bend} {on_straight}");
     }
 
     #[test]
     fn the_term_rises_with_speed_without_a_step() {
         let bends = Bends::new([(0.01, 0.0), (0.07, 0.0), (0.04, 0.01), (0.0, 0.0), (-0.07, 0.0), (0.0, 0.0)]);
-        let at = |speed: f64| bends.slowing(17.0, 2.25 / (speed * speed));
+        let at = |speed: f64| bends.curve_slowdown(17.0, 2.25 / (speed * speed));
         let mut before = at(0.0);
         assert_eq!(before, 0.0);
         for i in 1..=2000 {

@@ -18,7 +18,7 @@ const STRIDE: usize = 4;
 const TIME_SLACK: f64 = 1e-6;
 
 /// The cells that are blocked at some time, prepared for questions.
-pub(super) struct Outlook<'a> {
+pub(super) struct InevitableCollision<'a> {
     problem: &'a SpeedProblem,
     /// Some of the cells that are ever blocked, in order.
     cells: Vec<usize>,
@@ -28,17 +28,17 @@ pub(super) struct Outlook<'a> {
     top: f64,
 }
 
-impl<'a> Outlook<'a> {
+impl<'a> InevitableCollision<'a> {
     pub(super) fn new(problem: &'a SpeedProblem) -> Self {
         let wanted = |i: &usize| i.is_multiple_of(STRIDE) && !problem.blocked[*i].is_empty();
         let cells: Vec<usize> = (0..problem.cells()).filter(wanted).collect();
         let next = (0..=problem.cells()).map(|node| cells.partition_point(|c| *c < node)).collect();
-        let top = problem.caps.iter().fold(0.0, |a: f64, b| a.max(*b));
+        let top = problem.speed_limits.iter().fold(0.0, |a: f64, b| a.max(*b));
         Self { problem, cells, next, top }
     }
 
     /// Whether no way leads on from the state, braking with `deceleration` (m/s²) at the hardest.
-    pub(super) fn is_lost(&self, state: &SpeedState, deceleration: f64) -> bool {
+    pub(super) fn is_inevitable_collision(&self, state: &SpeedState, deceleration: f64) -> bool {
         let p = self.problem;
         let v2 = state.speed * state.speed;
         let stops_after = v2 / (2.0 * deceleration);
@@ -98,18 +98,21 @@ mod tests {
     fn braking_to_the_speed_of_the_one_ahead_decides() {
         // 6 m/s too fast, 1.5 m/s²: 12 m are needed
         let too_close = behind(12.0, 11.0, 6.0);
-        assert!(Outlook::new(&too_close).is_lost(&start(&too_close), 1.5));
+        assert!(InevitableCollision::new(&too_close).is_inevitable_collision(&start(&too_close), 1.5));
         let enough = behind(12.0, 13.0, 6.0);
-        assert!(!Outlook::new(&enough).is_lost(&start(&enough), 1.5));
-        assert!(!Outlook::new(&too_close).is_lost(&start(&too_close), 2.2), "harder braking is enough");
+        assert!(!InevitableCollision::new(&enough).is_inevitable_collision(&start(&enough), 1.5));
+        assert!(
+            !InevitableCollision::new(&too_close).is_inevitable_collision(&start(&too_close), 2.2),
+            "harder braking is enough"
+        );
     }
 
     #[test]
     fn a_state_at_rest_or_on_a_free_road_is_not_lost() {
         let p = behind(0.0, 1.0, 0.5);
-        assert!(!Outlook::new(&p).is_lost(&start(&p), 1.5));
+        assert!(!InevitableCollision::new(&p).is_inevitable_collision(&start(&p), 1.5));
         let free = empty_road(10.0, 15.0);
-        assert!(!Outlook::new(&free).is_lost(&start(&free), 1.5));
+        assert!(!InevitableCollision::new(&free).is_inevitable_collision(&start(&free), 1.5));
     }
 
     /// Whether any sequence of actions comes to rest or to the end without touching anything on the way.
@@ -119,7 +122,7 @@ mod tests {
         }
         let ds = p.stations[s.node + 1] - p.stations[s.node];
         [p.limits.acceleration, 0.0, -deceleration].iter().any(|a| {
-            let speed = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(p.caps[s.node + 1]);
+            let speed = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(p.speed_limits[s.node + 1]);
             let time = s.time + 2.0 * ds / (s.speed + speed);
             !p.is_blocked(s.node, s.time, time)
                 && comes_through(p, SpeedState { node: s.node + 1, speed, time }, deceleration)
@@ -141,7 +144,7 @@ mod tests {
                     p.blocked[cell].push((from, from + length));
                 }
             }
-            if Outlook::new(&p).is_lost(&start(&p), deceleration) {
+            if InevitableCollision::new(&p).is_inevitable_collision(&start(&p), deceleration) {
                 prop_assert!(!comes_through(&p, start(&p), deceleration));
             }
         }
