@@ -247,7 +247,7 @@ fn speed_search(bencher: Bencher) {
 fn smoothing_and_proof(bencher: Bencher) {
     let problem = Stages::new().speed_problem();
     let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven().expect("a plan");
-    let searched = smoothing::unsmoothed(&problem, &found).unwrap();
+    let searched = smoothing::raw_profile(&problem, &found).unwrap();
     let settings = smoothing::Settings::default();
     bencher.bench_local(|| {
         smoothing::smooth_and_prove(black_box(&problem), &problem.speed_limits, &searched, 0.0, &settings)

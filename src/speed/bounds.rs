@@ -24,12 +24,12 @@ impl SpeedLimits {
     /// Steering: δ = atan(Lκ), so δ̇ = L κ′ v / (1 + L²κ²) ≤ δ̇_max bounds v as well.
     #[must_use]
     pub fn at(&self, point: &PathPoint) -> f64 {
-        self.on_bend(point.curvature, point.curvature_rate)
+        self.at_curvature(point.curvature, point.curvature_rate)
     }
 
     /// [`Self::at`] a point of which only the curvature (1/m) and its derivative by arc length (1/m²) are known.
     #[must_use]
-    pub fn on_bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
+    pub fn at_curvature(&self, curvature: f64, curvature_rate: f64) -> f64 {
         let lateral = (self.lateral_acceleration / curvature.abs().max(1e-9)).sqrt();
         let lk = self.wheelbase * curvature;
         let steering = self.steering_rate * (1.0 + lk * lk) / (self.wheelbase * curvature_rate.abs()).max(1e-9);
@@ -62,7 +62,7 @@ pub fn following_speed_limits(stations: &[f64], meets: f64, lead_speed: f64, dec
 
 /// Combines bounds node by node: the least of all. As long as the shortest list.
 #[must_use]
-pub fn least_of(bounds: &[&[f64]]) -> Vec<f64> {
+pub fn pointwise_minimum(bounds: &[&[f64]]) -> Vec<f64> {
     let nodes = bounds.iter().map(|b| b.len()).min().unwrap_or(0);
     (0..nodes).map(|i| bounds.iter().map(|b| b[i]).fold(f64::INFINITY, f64::min)).collect()
 }
@@ -116,9 +116,9 @@ mod tests {
         assert_eq!((following[8], following[10]), (3.0, 3.0));
         assert!((following[0] - 41.0_f64.sqrt()).abs() < 1e-12);
         let rule = vec![5.0; 11];
-        let both = least_of(&[&following, &rule]);
+        let both = pointwise_minimum(&[&following, &rule]);
         assert_eq!((both[0], both[9]), (5.0, 3.0));
-        assert!(least_of(&[]).is_empty());
+        assert!(pointwise_minimum(&[]).is_empty());
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub mod tail;
 pub use lattice::{Budget, ProofOrder};
 pub use outcome::{NoPlan, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
 pub use problem::{ProblemError, SpeedProblem};
-pub use prove::{Refutation, prove};
+pub use prove::{ProofViolation, prove};
 
 /// How the speed lattice is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -94,7 +94,7 @@ pub enum NoPlan {
     /// No state of the searched lattice is safe.
     NoSafeState,
     /// A budget ended the search: a plan may exist all the same.
-    Spent(Budget),
+    BudgetExhausted(Budget),
 }
 
 impl NoPlan {
@@ -104,7 +104,7 @@ impl NoPlan {
         match spent {
             // room for rounding, as the search has it
             _ if needed > room + REST => Self::CannotStop { needed },
-            Some(budget) => Self::Spent(budget),
+            Some(budget) => Self::BudgetExhausted(budget),
             None => Self::NoSafeState,
         }
     }
@@ -129,8 +129,8 @@ impl SpeedOutcome {
             Self::Unproven { .. } => "unproven",
             Self::NoPlan { why: NoPlan::CannotStop { .. }, .. } => "cannot_stop",
             Self::NoPlan { why: NoPlan::NoSafeState, .. } => "no_safe_state",
-            Self::NoPlan { why: NoPlan::Spent(Budget::Expansions), .. } => "expansion_budget",
-            Self::NoPlan { why: NoPlan::Spent(Budget::Memory), .. } => "memory_budget",
+            Self::NoPlan { why: NoPlan::BudgetExhausted(Budget::Expansions), .. } => "expansion_budget",
+            Self::NoPlan { why: NoPlan::BudgetExhausted(Budget::Memory), .. } => "memory_budget",
         }
     }
 

@@ -6,7 +6,7 @@ use crate::trajectory::{SpeedKnot, SpeedProfile};
 
 /// Why a profile is not a proven plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Refutation {
+pub enum ProofViolation {
     /// It does not end at rest.
     NotAtStandstill {
         /// Final speed, m/s.
@@ -50,7 +50,7 @@ pub enum Refutation {
     },
 }
 
-impl Refutation {
+impl ProofViolation {
     /// Every code, in the order of the checks.
     pub const CODES: [&'static str; 7] =
         ["too_hard", "not_at_standstill", "past_the_end", "backwards", "blocked", "too_fast", "unsafe_standstill"];
@@ -89,20 +89,20 @@ const ON_NODE: f64 = 1e-7;
 ///
 /// # Errors
 /// The first violation met along the profile.
-pub fn prove(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
+pub fn prove(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), ProofViolation> {
     accelerations_hold(problem, profile)?;
     let end = profile.last();
     if !profile.ends_at_standstill() {
-        return Err(Refutation::NotAtStandstill { speed: end.speed });
+        return Err(ProofViolation::NotAtStandstill { speed: end.speed });
     }
     if end.station > problem.end() + STATION_SLACK {
-        return Err(Refutation::PastTheEnd { station: end.station });
+        return Err(ProofViolation::PastTheEnd { station: end.station });
     }
     cells_hold(problem, profile)?;
     standstill_holds(problem, end.station, problem.start_time + end.time)
 }
 
-fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
+fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), ProofViolation> {
     let limits = &problem.limits;
     let start = profile.knots()[0].acceleration;
     // the vehicle may enter the cycle with more than the limits, and needs time to leave that state
@@ -112,7 +112,7 @@ fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<
         let before_next = pair[0].acceleration + pair[0].jerk * (pair[1].time - pair[0].time);
         for acceleration in [pair[0].acceleration, before_next] {
             if !(lowest..=highest).contains(&acceleration) {
-                return Err(Refutation::TooHard { time: problem.start_time + pair[0].time, acceleration });
+                return Err(ProofViolation::TooHard { time: problem.start_time + pair[0].time, acceleration });
             }
         }
     }
@@ -120,10 +120,10 @@ fn accelerations_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<
 }
 
 /// Every node passed, and every cell between two of them, must be free while the profile is there; speed_limits must hold.
-fn cells_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refutation> {
+fn cells_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), ProofViolation> {
     for pair in profile.knots().windows(2) {
         if pair[1].station < pair[0].station - STATION_SLACK {
-            return Err(Refutation::Backwards { time: problem.start_time + pair[0].time });
+            return Err(ProofViolation::Backwards { time: problem.start_time + pair[0].time });
         }
     }
     let absolute = |t: f64| problem.start_time + t;
@@ -135,13 +135,13 @@ fn cells_hold(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Refu
         if profile.last().station > problem.stations[cell] + STATION_SLACK
             && problem.is_blocked(cell, absolute(leaves), absolute(until))
         {
-            return Err(Refutation::Blocked { cell, time: absolute(leaves) });
+            return Err(ProofViolation::Blocked { cell, time: absolute(leaves) });
         }
         cap_holds(problem, profile, cell, (leaves, until))?;
         let Some(arrives) = arrives else { break };
         leaves = last_time_at(profile, far_node);
         if problem.is_standstill_blocked(cell + 1, absolute(arrives), absolute(leaves)) {
-            return Err(Refutation::Blocked { cell, time: absolute(arrives) });
+            return Err(ProofViolation::Blocked { cell, time: absolute(arrives) });
         }
     }
     Ok(())
@@ -152,7 +152,7 @@ fn cap_holds(
     profile: &SpeedProfile,
     cell: usize,
     (from, to): (f64, f64),
-) -> Result<(), Refutation> {
+) -> Result<(), ProofViolation> {
     let braked = braked_from(problem, &profile.knots()[0], cell);
     let first = profile.knots().partition_point(|k| k.time < from);
     let inner = profile.knots()[first..].iter().take_while(|k| k.time <= to).map(|k| k.speed);
@@ -161,7 +161,7 @@ fn cap_holds(
     let arriving = profile.at(to).speed - problem.speed_limits[cell + 1].max(braked);
     // braking from above the cap is a start state's right, as long as it gets no faster
     let excess = inside.max(arriving);
-    if excess > SPEED_SLACK { Err(Refutation::TooFast { cell, excess }) } else { Ok(()) }
+    if excess > SPEED_SLACK { Err(ProofViolation::TooFast { cell, excess }) } else { Ok(()) }
 }
 
 /// First time at which the profile reaches a station, if it does.
@@ -230,7 +230,7 @@ fn braked_from(problem: &SpeedProblem, start: &SpeedKnot, cell: usize) -> f64 {
     (turned.speed * turned.speed - 2.0 * braking * beyond).max(0.0).sqrt()
 }
 
-fn standstill_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), Refutation> {
+fn standstill_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(), ProofViolation> {
     // the nodes around the station: rest must be allowed at both, and free in the cell between them
     let after = problem.stations.partition_point(|&s| s < station - STATION_SLACK).min(problem.cells());
     let on_node = (problem.stations[after] - station).abs() <= STATION_SLACK;
@@ -242,7 +242,7 @@ fn standstill_holds(problem: &SpeedProblem, station: f64, time: f64) -> Result<(
             && problem.stopping_allowed[after]
             && !problem.is_blocked(before, time, problem.horizon.max(time))
     };
-    if safe { Ok(()) } else { Err(Refutation::UnsafeStandstill { station }) }
+    if safe { Ok(()) } else { Err(ProofViolation::UnsafeStandstill { station }) }
 }
 
 #[cfg(test)]
@@ -265,30 +265,33 @@ mod tests {
     fn each_violation_is_named_and_the_clean_profile_passes() {
         let clean = empty_road(60.0, 10.0);
         assert_eq!(prove(&clean, &cruise_and_brake(2.0)), Ok(()));
-        assert!(matches!(prove(&empty_road(40.0, 10.0), &cruise_and_brake(2.0)), Err(Refutation::PastTheEnd { .. })));
+        assert!(matches!(
+            prove(&empty_road(40.0, 10.0), &cruise_and_brake(2.0)),
+            Err(ProofViolation::PastTheEnd { .. })
+        ));
 
         let mut blocked = clean.clone();
         blocked.blocked[20] = vec![(1.04, 1.2)]; // the cell from 10.0 to 10.5 m is crossed from 1.00 to 1.05 s
-        assert!(matches!(prove(&blocked, &cruise_and_brake(2.0)), Err(Refutation::Blocked { cell: 20, .. })));
+        assert!(matches!(prove(&blocked, &cruise_and_brake(2.0)), Err(ProofViolation::Blocked { cell: 20, .. })));
         blocked.blocked[20] = vec![(0.0, 0.99), (1.06, 9.0)];
         assert_eq!(prove(&blocked, &cruise_and_brake(2.0)), Ok(()));
 
         let mut capped = clean.clone();
         capped.speed_limits[61] = 4.0;
-        assert!(matches!(prove(&capped, &cruise_and_brake(2.0)), Err(Refutation::TooFast { cell: 60, .. })));
+        assert!(matches!(prove(&capped, &cruise_and_brake(2.0)), Err(ProofViolation::TooFast { cell: 60, .. })));
 
         let mut junction = clean.clone();
         junction.stopping_allowed[90] = false; // rest is at 45 m
-        assert!(matches!(prove(&junction, &cruise_and_brake(2.0)), Err(Refutation::UnsafeStandstill { .. })));
+        assert!(matches!(prove(&junction, &cruise_and_brake(2.0)), Err(ProofViolation::UnsafeStandstill { .. })));
 
         let mut visited = clean.clone();
         visited.blocked[89] = vec![(20.0, 21.0)];
         visited.blocked[90] = vec![(20.0, 21.0)];
-        assert!(matches!(prove(&visited, &cruise_and_brake(2.0)), Err(Refutation::UnsafeStandstill { .. })));
+        assert!(matches!(prove(&visited, &cruise_and_brake(2.0)), Err(ProofViolation::UnsafeStandstill { .. })));
 
         let mut gentle = clean;
         gentle.limits.aggressive_deceleration = 1.9;
-        assert!(matches!(prove(&gentle, &cruise_and_brake(2.0)), Err(Refutation::TooHard { .. })));
+        assert!(matches!(prove(&gentle, &cruise_and_brake(2.0)), Err(ProofViolation::TooHard { .. })));
     }
 
     #[test]
@@ -321,6 +324,6 @@ mod tests {
     fn a_profile_that_never_stops_is_refuted() {
         let knot = |time, station| SpeedKnot { time, station, speed: 10.0, acceleration: 0.0, jerk: 0.0 };
         let profile = SpeedProfile::new(vec![knot(0.0, 0.0), knot(3.0, 30.0)]).unwrap();
-        assert_eq!(prove(&empty_road(60.0, 10.0), &profile), Err(Refutation::NotAtStandstill { speed: 10.0 }));
+        assert_eq!(prove(&empty_road(60.0, 10.0), &profile), Err(ProofViolation::NotAtStandstill { speed: 10.0 }));
     }
 }

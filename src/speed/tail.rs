@@ -6,7 +6,7 @@
 //! in either.
 //!
 //! A plan *creeps* for the time that it moves at less than [`CRAWL`] before its final rest, beyond what a comfortable stop
-//! from that speed takes, and it is told as creeping above [`PATIENCE`]. Before smoothing, at a second less, the tail is laid anew: to the same rest as fast as speed_limits and
+//! from that speed takes, and it is told as creeping above [`MAX_CREEPING_TIME`]. Before smoothing, at a second less, the tail is laid anew: to the same rest as fast as speed_limits and
 //! comfort allow, or, if something is in the way, to rest at once. What is laid anew is proved anew; the creeping tail
 //! stands if that fails, as it does behind a queue that creeps itself.
 
@@ -17,7 +17,7 @@ use crate::trajectory::SpeedProfile;
 /// Slower than this before its rest a plan crawls, m/s.
 pub const CRAWL: f64 = 1.0;
 /// Crawling for so long is not worth a word, s: a jerk limit and a soft landing make a comfortable stop longer by as much.
-pub const PATIENCE: f64 = 3.0;
+pub const MAX_CREEPING_TIME: f64 = 3.0;
 /// Of that, what smoothing adds, s: a searched tail may crawl for the rest.
 const SOFT_LANDING: f64 = 1.0;
 
@@ -36,8 +36,8 @@ pub fn creeping_time(profile: &SpeedProfile, deceleration: f64) -> f64 {
 #[must_use]
 pub fn without_creeping(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedPlan> {
     let creeps = |plan: &SpeedPlan| {
-        let profile = smoothing::unsmoothed(problem, plan)?;
-        Some((creeping_time(&profile, problem.limits.deceleration) > PATIENCE - SOFT_LANDING, profile))
+        let profile = smoothing::raw_profile(problem, plan)?;
+        Some((creeping_time(&profile, problem.limits.deceleration) > MAX_CREEPING_TIME - SOFT_LANDING, profile))
     };
     if !creeps(plan)?.0 {
         return None;
@@ -101,11 +101,11 @@ mod tests {
     use crate::bench::safetlp::LIMIT_SETS;
 
     fn profile(problem: &SpeedProblem, plan: &SpeedPlan) -> SpeedProfile {
-        smoothing::unsmoothed(problem, plan).unwrap()
+        smoothing::raw_profile(problem, plan).unwrap()
     }
 
     fn creeps(problem: &SpeedProblem, plan: &SpeedPlan) -> bool {
-        creeping_time(&profile(problem, plan), problem.limits.deceleration) > PATIENCE - SOFT_LANDING
+        creeping_time(&profile(problem, plan), problem.limits.deceleration) > MAX_CREEPING_TIME - SOFT_LANDING
     }
 
     /// The 104 instances of the paper.
@@ -154,7 +154,7 @@ mod tests {
         let problem = empty_road(20.0, 0.5);
         assert!((creeping_time(&profile(&problem, &crawling(&problem)), 1.5) - (41.0 - 1.0 / 1.5)).abs() < 1e-9);
         let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven().unwrap();
-        assert!(creeping_time(&profile(&problem, &found), 1.5) < PATIENCE);
+        assert!(creeping_time(&profile(&problem, &found), 1.5) < MAX_CREEPING_TIME);
     }
 
     #[test]

@@ -37,7 +37,7 @@ fn the_papers_road_is_driven_fast_and_ends_at_rest() {
         let last = plan.states.last().unwrap();
         assert_eq!(last.speed, 0.0);
         assert!(problem.stations[last.node] > 99.0, "stops short at {}", problem.stations[last.node]);
-        let profile = smoothing::unsmoothed(&problem, &plan).unwrap();
+        let profile = smoothing::raw_profile(&problem, &plan).unwrap();
         assert_eq!(prove(&problem, &profile), Ok(()));
     }
 }
@@ -83,7 +83,7 @@ fn each_budget_ends_a_search_with_its_name() {
         let outcome = search(&problem, Strategy::PlanToStop, &timed).unwrap();
         // it may have met a safe state by then, and keeps to it
         match outcome {
-            SpeedOutcome::NoPlan { why, .. } => assert_eq!(why, NoPlan::Spent(budget)),
+            SpeedOutcome::NoPlan { why, .. } => assert_eq!(why, NoPlan::BudgetExhausted(budget)),
             SpeedOutcome::Proven { ref plan, .. } => assert!(plan.states.last().unwrap().node < 100),
             SpeedOutcome::Unproven { .. } => panic!("{outcome:?}"),
         }
@@ -141,7 +141,7 @@ fn a_plan_cut_at_a_long_wait_is_still_proven() {
     cut.end_at_long_wait(&problem, 2.0);
     assert!(cut.states.len() < whole, "no long wait in {:?}", cut.states);
     assert_eq!(cut.states.last().unwrap().speed, 0.0);
-    assert_eq!(prove(&problem, &smoothing::unsmoothed(&problem, &cut).unwrap()), Ok(()));
+    assert_eq!(prove(&problem, &smoothing::raw_profile(&problem, &cut).unwrap()), Ok(()));
 }
 
 #[test]
@@ -244,7 +244,7 @@ proptest! {
     fn no_plan_touches_a_blocked_interval(problem in small_problem()) {
         for strategy in PROVING {
             if let Some(found) = plan(&problem, strategy, &exact()) {
-                let profile = smoothing::unsmoothed(&problem, &found).unwrap();
+                let profile = smoothing::raw_profile(&problem, &found).unwrap();
                 prop_assert_eq!(prove(&problem, &profile), Ok(()), "{:?}", strategy);
             }
         }

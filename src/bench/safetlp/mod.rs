@@ -15,9 +15,9 @@
 //!   speeds are the best that comfortable actions reach.
 //! - *Actions of the proofs.* The aggressive deceleration may be used by SafeTLP's proofs and by nothing else.
 
-mod figures;
+mod metrics;
 
-pub use figures::{Group, Summary};
+pub use metrics::{Group, Summary};
 
 use std::time::Instant;
 
@@ -159,7 +159,7 @@ pub struct Instance {
 
 /// What a method made of an instance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
+pub struct Measurement {
     /// States expanded.
     pub expansions: usize,
     /// States in closed lists.
@@ -171,7 +171,7 @@ pub struct Measured {
     /// Most memory in use, bytes.
     pub bytes: usize,
     /// The plan, if there is one.
-    pub plan: Option<PlanFigures>,
+    pub plan: Option<PlanMetrics>,
     /// What the search came to, as a stable code.
     pub ended: &'static str,
     /// Wall-clock time, s.
@@ -180,7 +180,7 @@ pub struct Measured {
 
 /// A plan's figures.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlanFigures {
+pub struct PlanMetrics {
     /// Way over time, m/s.
     pub average_speed: f64,
     /// Highest speed, m/s.
@@ -199,7 +199,7 @@ pub struct Comparison {
     /// The instances, set by set.
     pub instances: Vec<Instance>,
     /// For each method ([`Method::ALL`]) what it made of each instance.
-    pub measured: Vec<Vec<Measured>>,
+    pub measurements: Vec<Vec<Measurement>>,
 }
 
 /// The paper's instances.
@@ -245,22 +245,23 @@ pub fn compare(settings: &Settings, done: impl Fn() + Sync) -> Result<Comparison
     let measure = |method: Method, problem: &SpeedProblem, runs: u32| {
         let measured = (0..runs).map(|_| measured(method, problem, settings)).reduce(|a, b| {
             let faster = a.time.min(b.time);
-            Measured { time: faster, ..a }
+            Measurement { time: faster, ..a }
         });
         done();
         measured
     };
-    let all = |method: Method| -> Vec<Measured> {
+    let all = |method: Method| -> Vec<Measurement> {
         match method {
             Method::PlanToStop | Method::PlanToStopTimeless => {
-                let measure = |p| if is_late() { Some(Measured::nothing(TIME_LIMIT)) } else { measure(method, p, 1) };
+                let measure =
+                    |p| if is_late() { Some(Measurement::nothing(TIME_LIMIT)) } else { measure(method, p, 1) };
                 problems.par_iter().filter_map(measure).collect()
             }
             _ => problems.iter().filter_map(|p| measure(method, p, 3)).collect(),
         }
     };
     let step = problems.first().map_or(settings.step, |p| p.end() / p.cells() as f64);
-    Ok(Comparison { settings: Settings { step, ..*settings }, measured: Method::ALL.map(all).to_vec(), instances })
+    Ok(Comparison { settings: Settings { step, ..*settings }, measurements: Method::ALL.map(all).to_vec(), instances })
 }
 
 /// Number of searches that [`compare`] makes.
@@ -269,20 +270,20 @@ pub fn searches(settings: &Settings) -> usize {
     Method::ALL.len() * instances(settings.every).len()
 }
 
-fn measured(method: Method, problem: &SpeedProblem, settings: &Settings) -> Measured {
+fn measured(method: Method, problem: &SpeedProblem, settings: &Settings) -> Measurement {
     let resolution = method.resolution(settings);
     let begun = Instant::now();
     let outcome = search(problem, method.strategy(), &resolution);
     let time = begun.elapsed().as_secs_f64();
     // problem and resolution are validated before anything is measured
-    let Ok(outcome) = outcome else { return Measured::nothing("invalid") };
+    let Ok(outcome) = outcome else { return Measurement::nothing("invalid") };
     let statistics = *outcome.statistics();
     let ended = outcome.code();
     let plan = match outcome {
-        SpeedOutcome::Proven { plan, .. } | SpeedOutcome::Unproven { plan, .. } => figures_of(&plan, problem),
+        SpeedOutcome::Proven { plan, .. } | SpeedOutcome::Unproven { plan, .. } => plan_metrics(&plan, problem),
         SpeedOutcome::NoPlan { .. } => None,
     };
-    Measured {
+    Measurement {
         expansions: statistics.expansions,
         closed: statistics.closed,
         proofs_tried: statistics.proofs_tried,
@@ -294,7 +295,7 @@ fn measured(method: Method, problem: &SpeedProblem, settings: &Settings) -> Meas
     }
 }
 
-impl Measured {
+impl Measurement {
     fn nothing(ended: &'static str) -> Self {
         Self {
             expansions: 0,
@@ -309,11 +310,11 @@ impl Measured {
     }
 }
 
-fn figures_of(plan: &SpeedPlan, problem: &SpeedProblem) -> Option<PlanFigures> {
+fn plan_metrics(plan: &SpeedPlan, problem: &SpeedProblem) -> Option<PlanMetrics> {
     let (first, last) = (plan.states.first()?, plan.states.last()?);
     let way = problem.stations[last.node] - problem.stations[first.node];
-    let proved_again = smoothing::unsmoothed(problem, plan).is_some_and(|p| prove(problem, &p).is_ok());
-    Some(PlanFigures {
+    let proved_again = smoothing::raw_profile(problem, plan).is_some_and(|p| prove(problem, &p).is_ok());
+    Some(PlanMetrics {
         average_speed: way / (last.time - first.time),
         top_speed: plan.states.iter().map(|s| s.speed).fold(0.0, f64::max),
         end_speed: last.speed,
@@ -348,7 +349,7 @@ mod tests {
     fn two_measurements_differ_in_time_alone() {
         let timeless = || {
             let mut comparison = compare(&SMALL, || ()).unwrap();
-            comparison.measured.iter_mut().flatten().for_each(|m| m.time = 0.0);
+            comparison.measurements.iter_mut().flatten().for_each(|m| m.time = 0.0);
             comparison
         };
         assert_eq!(timeless(), timeless());
@@ -357,7 +358,7 @@ mod tests {
     #[test]
     fn every_safe_plan_is_proved_again_and_the_naive_one_is_not() {
         let comparison = compare(&SMALL, || ()).unwrap();
-        for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+        for (method, measured) in Method::ALL.iter().zip(&comparison.measurements) {
             assert_eq!(measured.len(), 8);
             for m in measured {
                 let plan = m.plan.unwrap_or_else(|| panic!("{method:?} {m:?}"));
@@ -373,13 +374,13 @@ mod tests {
         let told = |c: &Comparison| c.checks().iter().filter(|c| !c.pass).map(|c| c.name).collect::<Vec<_>>();
         assert_eq!(told(&comparison), [""; 0]);
         let tlp = Method::ALL.iter().position(|m| *m == Method::SafeTlp).unwrap();
-        let break_with = |change: &dyn Fn(&mut Measured)| {
+        let break_with = |change: &dyn Fn(&mut Measurement)| {
             let mut broken = comparison.clone();
-            change(&mut broken.measured[tlp][0]);
+            change(&mut broken.measurements[tlp][0]);
             told(&broken)
         };
         let mut quick = comparison.clone();
-        quick.measured[1].iter_mut().for_each(|m| m.expansions = 50_000);
+        quick.measurements[1].iter_mut().for_each(|m| m.expansions = 50_000);
         assert_eq!(told(&quick), ["expansion_ratio"]);
         assert!(break_with(&|m| m.plan = None).contains(&"all_proven"));
         assert!(break_with(&|m| m.bytes = 65 << 20).contains(&"memory"));
@@ -391,7 +392,7 @@ mod tests {
     fn a_budget_too_small_is_told_and_nothing_fails() {
         for tight in [Settings { memory: 10_000, ..SMALL }, Settings { expansions: 50, ..SMALL }] {
             let comparison = compare(&tight, || ()).unwrap();
-            let exhaustive = &comparison.measured[1];
+            let exhaustive = &comparison.measurements[1];
             assert!(exhaustive.iter().any(|m| m.plan.is_none() && m.ended.ends_with("budget")), "{exhaustive:?}");
         }
     }
@@ -399,7 +400,7 @@ mod tests {
     #[test]
     fn when_time_is_up_the_rest_of_plan_to_stop_is_left_out_and_the_promises_are_not_held() {
         let comparison = compare(&Settings { time_limit: 0.0, ..SMALL }, || ()).unwrap();
-        for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+        for (method, measured) in Method::ALL.iter().zip(&comparison.measurements) {
             let is_exhaustive = method.strategy() == Strategy::PlanToStop;
             assert!(measured.iter().all(|m| (m.ended == TIME_LIMIT) == is_exhaustive), "{method:?} {measured:?}");
         }

@@ -4,10 +4,10 @@
 //! are then judged (`judge`) by other means than those that made them. The first row, the cubic spiral by Newton's method,
 //! is what bending energies are compared with.
 
-mod judge;
+mod evaluation;
 mod shooting;
 
-pub use judge::{Answer, Curve, Judged};
+pub use evaluation::{Answer, Curve, Evaluation};
 
 use rayon::prelude::*;
 
@@ -223,7 +223,7 @@ pub struct Comparison {
     /// One row a method.
     pub rows: Vec<Row>,
     /// For each method what its answers are worth, problem by problem: `None` where it was not asked or found nothing.
-    pub judged: Vec<Vec<Option<Judged>>>,
+    pub evaluations: Vec<Vec<Option<Evaluation>>>,
 }
 
 /// Solves, times and judges.
@@ -237,20 +237,20 @@ pub fn compare(settings: &Settings) -> Comparison {
 pub fn compare_watched(settings: &Settings, watch: &mut dyn FnMut(Method, usize, usize)) -> Comparison {
     let problems = lattice_problems(settings.seed, settings.problems);
     let mut rows = Vec::new();
-    let mut judged: Vec<Vec<Option<Judged>>> = Vec::new();
+    let mut evaluations: Vec<Vec<Option<Evaluation>>> = Vec::new();
     let all = problems.len() * Method::ALL.len();
     for (i, method) in Method::ALL.into_iter().enumerate() {
         let mut done = |n| watch(method, i * problems.len() + n, all);
         let (asked, answers, time) = measured(method, &problems, &mut done);
         // those that the method is not for are done, too
         done(problems.len());
-        let reference = judged.first().unwrap_or(&answers);
+        let reference = evaluations.first().unwrap_or(&answers);
         let unsolved = problems.par_iter().zip(&answers).filter(|(p, answer)| method.is_for(p) && answer.is_none());
         let impossible = unsolved.filter(|(p, _)| method.proves_impossible(p)).count();
         rows.push(Row { impossible, ..row(method, asked, time, &answers, reference) });
-        judged.push(answers);
+        evaluations.push(answers);
     }
-    Comparison { settings: *settings, problems, rows, judged }
+    Comparison { settings: *settings, problems, rows, evaluations }
 }
 
 /// How many problems a method was asked, what its answers are worth, and what it took. Timed alone, judged in parallel.
@@ -258,21 +258,27 @@ fn measured(
     method: Method,
     problems: &[LatticeProblem],
     watch: &mut dyn FnMut(usize),
-) -> (usize, Vec<Option<Judged>>, Times) {
+) -> (usize, Vec<Option<Evaluation>>, Times) {
     let places: Vec<usize> = (0..problems.len()).filter(|i| method.is_for(&problems[*i])).collect();
     let (answers, time) = timed(&places, |i| method.solve(&problems[*i]), watch);
-    let worth: Vec<Option<Judged>> =
-        places.par_iter().zip(&answers).map(|(i, answer)| answer.map(|a| a.judged(&problems[*i]))).collect();
-    let mut judged = vec![None; problems.len()];
+    let worth: Vec<Option<Evaluation>> =
+        places.par_iter().zip(&answers).map(|(i, answer)| answer.map(|a| a.evaluate(&problems[*i]))).collect();
+    let mut evaluations = vec![None; problems.len()];
     for (i, worth) in places.iter().zip(worth) {
-        judged[*i] = worth;
+        evaluations[*i] = worth;
     }
-    (places.len(), judged, time)
+    (places.len(), evaluations, time)
 }
 
-fn row(method: Method, problems: usize, time: Times, judged: &[Option<Judged>], reference: &[Option<Judged>]) -> Row {
-    let found: Vec<Judged> = judged.iter().flatten().copied().collect();
-    let largest = |value: fn(&Judged) -> f64| found.iter().map(value).fold(0.0, f64::max);
+fn row(
+    method: Method,
+    problems: usize,
+    time: Times,
+    judged: &[Option<Evaluation>],
+    reference: &[Option<Evaluation>],
+) -> Row {
+    let found: Vec<Evaluation> = judged.iter().flatten().copied().collect();
+    let largest = |value: fn(&Evaluation) -> f64| found.iter().map(value).fold(0.0, f64::max);
     let energy: f64 = found.iter().map(|j| j.bending_energy).sum();
     let both = judged.iter().zip(reference).filter_map(|(j, r)| Some(((*j)?.bending_energy, (*r)?.bending_energy)));
     let (ours, theirs) = both.fold((0.0, 0.0), |(a, b), (ours, theirs)| (a + ours, b + theirs));
@@ -350,7 +356,7 @@ mod tests {
         };
         assert_eq!(timeless(&SMALL), timeless(&SMALL));
         let other = Settings { seed: 8, ..SMALL };
-        assert_ne!(timeless(&SMALL).judged, timeless(&other).judged);
+        assert_ne!(timeless(&SMALL).evaluations, timeless(&other).evaluations);
     }
 
     #[test]
@@ -370,7 +376,7 @@ mod tests {
     fn every_row_says_what_its_answers_say() {
         let comparison = compare(&SMALL);
         assert_eq!(comparison.rows.len(), Method::ALL.len());
-        for (row, judged) in comparison.rows.iter().zip(&comparison.judged) {
+        for (row, judged) in comparison.rows.iter().zip(&comparison.evaluations) {
             assert_eq!(row.solved, judged.iter().flatten().count(), "{row:?}");
             assert!(row.solved + row.impossible <= row.problems && row.problems <= SMALL.problems);
             assert!(row.impossible == 0 || row.method == Method::QuinticBounded);

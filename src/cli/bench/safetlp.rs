@@ -105,7 +105,7 @@ fn method_json(comparison: &Comparison, method: Method) -> Value {
 /// How many searches of a method ended how.
 fn ended(comparison: &Comparison, method: Method) -> BTreeMap<&'static str, usize> {
     let mut counts = BTreeMap::new();
-    for measured in comparison.group(method, None).measured {
+    for measured in comparison.group(method, None).measurements {
         *counts.entry(measured.ended).or_insert(0) += 1;
     }
     counts
@@ -117,7 +117,7 @@ fn to_csv(comparison: &Comparison) -> String {
         "method,comfortable_acceleration_mps2,aggressive_deceleration_mps2,start_speed_mps,ended,expansions,closed,\
          proofs_tried,proof_succeeded,memory_bytes,average_speed_mps,top_speed_mps,end_speed_mps,proved_again,time_s\n",
     );
-    for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+    for (method, measured) in Method::ALL.iter().zip(&comparison.measurements) {
         for (instance, m) in comparison.instances.iter().zip(measured) {
             let (comfortable, aggressive) = LIMIT_SETS[instance.set];
             let succeeded = m.proof_succeeded.map(|n| n.to_string()).unwrap_or_default();
@@ -184,7 +184,7 @@ fn bounds_met(comparison: &Comparison) -> String {
     ];
     let mut text = String::new();
     for method in Method::ALL {
-        let all = comparison.group(method, None).measured;
+        let all = comparison.group(method, None).measurements;
         for (code, ended) in &bounds {
             let met = all.iter().filter(|m| m.ended == *code).count();
             if met > 0 {

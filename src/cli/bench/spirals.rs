@@ -90,7 +90,7 @@ fn to_csv(comparison: &Comparison) -> String {
          end_residual_m,heading_residual_rad,slide_m,max_abs_curvature_per_m,bending_energy_per_m,length_m\n",
     );
     for (i, p) in comparison.problems.iter().enumerate() {
-        for (method, judged) in Method::ALL.iter().zip(&comparison.judged).filter(|(m, _)| m.is_for(p)) {
+        for (method, judged) in Method::ALL.iter().zip(&comparison.evaluations).filter(|(m, _)| m.is_for(p)) {
             let (at, name) = (p.end.position, method.name());
             // writing to a String cannot fail
             let _ = write!(text, "{i},{},{},{},{},{},", p.start_curvature, at.x, at.y, p.end.yaw, p.end_curvature);

@@ -154,7 +154,7 @@ mod tests {
     use crate::speed::prove;
     use crate::speed::smoothing::{Settings, smooth_and_prove};
     use crate::speed::test_support::empty_road;
-    use crate::speed::{Resolution, Strategy, search, smoothing::unsmoothed};
+    use crate::speed::{Resolution, Strategy, search, smoothing::raw_profile};
     use proptest::prelude::*;
 
     /// 10 m/s for four seconds, then −2 m/s² to rest at 65 m.
@@ -230,7 +230,7 @@ mod tests {
                 }
             }
             let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
-            let Some(searched) = found.proven().and_then(|plan| unsmoothed(&problem, &plan)) else { return Ok(()) };
+            let Some(searched) = found.proven().and_then(|plan| raw_profile(&problem, &plan)) else { return Ok(()) };
             let corridor = Corridor::new(&problem, &searched);
             let Ok(smooth) = smooth_and_prove(&problem, &problem.speed_limits, &searched, 0.0, &Settings::default()) else {
                 return Ok(());

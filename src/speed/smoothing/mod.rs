@@ -24,7 +24,7 @@
 mod corridor;
 mod program;
 
-use super::{Refutation, SpeedPlan, SpeedProblem, prove};
+use super::{ProofViolation, SpeedPlan, SpeedProblem, prove};
 use crate::trajectory::{SpeedKnot, SpeedProfile};
 use program::{Program, Rows};
 
@@ -66,7 +66,7 @@ impl Default for Settings {
 
 /// The searched plan as it stands: constant acceleration between its states.
 #[must_use]
-pub fn unsmoothed(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfile> {
+pub fn raw_profile(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfile> {
     let knots = plan.states.iter().enumerate().map(|(i, state)| {
         let acceleration =
             plan.states.get(i + 1).map_or(0.0, |next| (next.speed - state.speed) / (next.time - state.time));
@@ -95,14 +95,14 @@ pub struct Smoothed {
 pub enum Failure {
     /// `no_solution`: the program has none.
     NoSolution,
-    /// Its solutions were refuted; the last one for the reason of this code ([`Refutation::CODES`]).
+    /// Its solutions were refuted; the last one for the reason of this code ([`ProofViolation::CODES`]).
     ReverificationFailed(&'static str),
 }
 
 impl Failure {
     /// Every code.
     pub fn codes() -> impl Iterator<Item = &'static str> {
-        std::iter::once(Self::NoSolution.code()).chain(Refutation::CODES)
+        std::iter::once(Self::NoSolution.code()).chain(ProofViolation::CODES)
     }
 
     /// The stable code used in reports.
@@ -177,7 +177,7 @@ mod tests {
 
     fn searched(problem: &SpeedProblem) -> SpeedProfile {
         let found = search(problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
-        unsmoothed(problem, &found.proven().expect("a plan")).unwrap()
+        raw_profile(problem, &found.proven().expect("a plan")).unwrap()
     }
 
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {

@@ -36,7 +36,7 @@ pub struct Answer {
 
 /// What an answer is worth.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Judged {
+pub struct Evaluation {
     /// Distance of the curve's end from where the method says it is, m.
     pub end_residual: f64,
     /// Difference of the heading there, rad.
@@ -54,11 +54,11 @@ pub struct Judged {
 impl Answer {
     /// Judges the answer to a problem.
     #[must_use]
-    pub fn judged(&self, problem: &LatticeProblem) -> Judged {
+    pub fn evaluate(&self, problem: &LatticeProblem) -> Evaluation {
         let curve = &self.curve;
         let end = curve.end();
         let said = problem.end.position + problem.end.left() * self.slide;
-        Judged {
+        Evaluation {
             end_residual: (end.position - said).norm(),
             heading_residual: wrap_angle(end.yaw - problem.end.yaw).abs(),
             slide: self.slide.abs(),
@@ -155,13 +155,13 @@ mod tests {
     fn what_is_wrong_with_a_spiral_is_seen() {
         let p = problem();
         let spiral = connect(p.start_curvature, &p.end, p.end_curvature).unwrap();
-        let right = Answer { curve: Curve::Cubic(spiral), slide: 0.0 }.judged(&p);
+        let right = Answer { curve: Curve::Cubic(spiral), slide: 0.0 }.evaluate(&p);
         assert!(right.end_residual < 1e-9 && right.heading_residual < 1e-12, "{right:?}");
         let longer = CubicSpiral { length: spiral.length + 0.01, ..spiral };
-        let wrong = Answer { curve: Curve::Cubic(longer), slide: 0.0 }.judged(&p);
+        let wrong = Answer { curve: Curve::Cubic(longer), slide: 0.0 }.evaluate(&p);
         assert!((wrong.end_residual - 0.01).abs() < 2e-3 && wrong.heading_residual > 1e-5, "{wrong:?}");
         // an end that is said to lie half a metre to the left, and does not
-        let claimed = Answer { curve: Curve::Cubic(spiral), slide: 0.5 }.judged(&p);
+        let claimed = Answer { curve: Curve::Cubic(spiral), slide: 0.5 }.evaluate(&p);
         assert!((claimed.end_residual - 0.5).abs() < 1e-9 && claimed.slide == 0.5, "{claimed:?}");
     }
 }

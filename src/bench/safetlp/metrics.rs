@@ -1,7 +1,7 @@
 //! What the measurements of `stopline bench safetlp` come to: by method, by method and limit set, and as promises.
 
 use super::super::{Check, quantile};
-use super::{Comparison, LIMIT_SETS, Measured, Method, TIME_LIMIT};
+use super::{Comparison, LIMIT_SETS, Measurement, Method, TIME_LIMIT};
 
 /// How many times fewer expansions SafeTLP must need than plan-to-stop, on the median.
 const FEWER: f64 = 1000.0;
@@ -16,7 +16,7 @@ pub struct Group {
     /// Index in [`LIMIT_SETS`]; `None` for all.
     pub set: Option<usize>,
     /// What it made of the instances.
-    pub measured: Vec<Measured>,
+    pub measurements: Vec<Measurement>,
 }
 
 /// A group in a few numbers.
@@ -39,8 +39,8 @@ pub struct Summary {
 impl Group {
     /// A value of every instance that was searched, sorted.
     #[must_use]
-    pub fn sorted(&self, value: impl Fn(&Measured) -> Option<f64>) -> Vec<f64> {
-        let searched = self.measured.iter().filter(|m| m.ended != TIME_LIMIT);
+    pub fn sorted(&self, value: impl Fn(&Measurement) -> Option<f64>) -> Vec<f64> {
+        let searched = self.measurements.iter().filter(|m| m.ended != TIME_LIMIT);
         let mut values: Vec<f64> = searched.filter_map(value).filter(|v| v.is_finite()).collect();
         values.sort_by(f64::total_cmp);
         values
@@ -51,12 +51,12 @@ impl Group {
     pub fn summary(&self) -> Summary {
         let speeds = self.sorted(|m| m.plan.map(|p| p.average_speed));
         Summary {
-            instances: self.measured.len(),
-            proven: self.measured.iter().filter(|m| m.plan.is_some_and(|p| p.proved_again)).count(),
+            instances: self.measurements.len(),
+            proven: self.measurements.iter().filter(|m| m.plan.is_some_and(|p| p.proved_again)).count(),
             expansions: median(&self.sorted(|m| Some(m.expansions as f64))),
             time: median(&self.sorted(|m| Some(m.time))),
             average_speed: speeds.iter().sum::<f64>() / speeds.len() as f64,
-            bytes: self.measured.iter().map(|m| m.bytes).max().unwrap_or(0),
+            bytes: self.measurements.iter().map(|m| m.bytes).max().unwrap_or(0),
         }
     }
 }
@@ -77,9 +77,9 @@ impl Comparison {
     #[must_use]
     pub fn group(&self, method: Method, set: Option<usize>) -> Group {
         let place = Method::ALL.iter().position(|m| *m == method);
-        let measured = place.and_then(|p| self.measured.get(p)).into_iter().flatten();
+        let measured = place.and_then(|p| self.measurements.get(p)).into_iter().flatten();
         let chosen = measured.zip(&self.instances).filter(|(_, i)| set.is_none_or(|s| s == i.set));
-        Group { method, set, measured: chosen.map(|(m, _)| *m).collect() }
+        Group { method, set, measurements: chosen.map(|(m, _)| *m).collect() }
     }
 
     /// What the paper claims and what we promise.
