@@ -123,7 +123,7 @@ fn exit_2_is_wrong_use() {
 fn a_value_out_of_range_names_its_flag() {
     let place = Place::new();
     let wrong = [
-        ("--inject", "rain=1", "`rain` is no fault"),
+        ("--inject", "rain=1", "delay, friction, mass, noise, missed_cycles"),
         ("--inject", "mas=1", "did you mean `mass`?"),
         ("--inject", "mass=-1", "mass must be from 0.1 to 10"),
         ("--inject", "friction=-1", "friction must be from 0.01 to 2"),
@@ -159,7 +159,7 @@ fn plan_refuses_the_flags_of_the_simulation() {
     for arguments in simulation {
         let flag = arguments.iter().rfind(|a| a.starts_with("--")).unwrap();
         let tip = format!("{flag} is a flag of `stopline drive`");
-        fails(&place.run(&[&["plan", ROAD], arguments].concat()), 2, &[flag, &tip, "simulates nothing"]);
+        fails(&place.run(&[&["plan", ROAD], arguments].concat()), 2, &[flag, &tip, "runs no simulation"]);
         assert!(!help.contains(flag), "the help of plan lists {flag}");
     }
     fails(&place.run(&["drive", ROAD, "--junit", "a"]), 2, &["--junit is a flag of `stopline check`"]);
@@ -737,7 +737,7 @@ fn the_hash_does_not_depend_on_threads_or_outputs() {
     let place = Place::new();
     let first = hash(&place, &["--threads", "1"]);
     assert_eq!(hash(&place, &["--threads", "2"]), first);
-    assert_eq!(hash(&place, &["--svg", "run.svg", "--solution", "run.xml"]), first, "outputs change nothing");
+    assert_eq!(hash(&place, &["--svg", "run.svg", "--solution", "run.xml"]), first, "outputs do not change the hash");
     assert_ne!(hash(&place, &["--seed", "1"]), first, "the seed is part of the result");
 }
 

@@ -86,7 +86,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
         Ok(args) => args,
         Err(message) => {
             let message = with_owner(message, arguments.get(1));
-            // help goes to stdout, errors to stderr; a closed pipe changes nothing
+            // help goes to stdout, errors to stderr; a closed pipe is no error
             let _ = message.print();
             return if message.use_stderr() { Exit::WrongUse } else { Exit::Pass };
         }
@@ -115,7 +115,7 @@ fn with_owner(mut error: clap::Error, command: Option<&OsString>) -> clap::Error
     let has_flag = |command: &&clap::Command| command.get_arguments().any(|a| a.get_long() == Some(name));
     let Some(owner) = program.get_subcommands().find(has_flag).map(clap::Command::get_name) else { return error };
     let is_drive_only = owner == "drive" && command.is_some_and(|typed| typed == "plan");
-    let reason = if is_drive_only { "; `stopline plan` simulates nothing" } else { "" };
+    let reason = if is_drive_only { "; `stopline plan` runs no simulation" } else { "" };
     let tip = format!("{flag} is a flag of `stopline {owner}`{reason}");
     error.remove(ContextKind::SuggestedArg);
     error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));

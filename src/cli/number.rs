@@ -17,7 +17,7 @@ pub(super) fn fixed(value: f64) -> String {
     }
 }
 
-/// A number as somebody may have written it: all its digits, an exponent if it is very large or very small.
+/// A number for a message: the shortest digits that read back as the same number, an exponent if it is very large or small.
 pub(super) fn exact(value: f64) -> String {
     let size = value.abs();
     if size == 0.0 || !size.is_finite() || (1e-5..1e9).contains(&size) {

@@ -38,7 +38,7 @@ pub enum FileKind {
     OccupancyGrid,
     /// Settings of a run, TOML.
     Settings,
-    /// Friction patches and nothing else, TOML.
+    /// Friction patches alone, TOML.
     FrictionPatches,
     /// Regression suite, TOML.
     Suite,

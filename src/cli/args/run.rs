@@ -123,7 +123,7 @@ pub(in crate::cli) struct OutputArgs {
     pub(in crate::cli) quiet: bool,
 }
 
-/// File name extensions of formats that somebody may expect of an output that has another format.
+/// File name extensions of common formats. An output with one of them must have that format.
 const KNOWN_FORMATS: [&str; 25] = [
     "bmp", "csv", "eps", "gif", "gz", "htm", "html", "jpeg", "jpg", "json", "md", "ods", "parquet", "pdf", "png", "ps",
     "rrd", "svg", "tif", "tiff", "webp", "xls", "xlsx", "xml", "zip",
