@@ -1,17 +1,19 @@
-//! What can be typed.
+//! Commands and their arguments, as clap parses them.
+
+mod run;
 
 use std::path::PathBuf;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
-use crate::drive::Faults;
 use crate::regression::Shard;
-use crate::verdict::ComfortPreset;
 
-/// Shown at the end of `--help`.
+pub(super) use run::{DriveArgs, FallbackInterval, Friction, InputArgs, OutputArgs, PlanArgs};
+
+/// The exit codes, at the end of every help text.
 const EXIT_CODES: &str = "Exit codes:
-  0  it ran and every check held
-  1  it ran and a check failed: unsafe, uncomfortable, no plan
+  0  the run ended and every check passed
+  1  the run ended and a check failed, or no safe plan exists
   2  wrong use of the command line
   3  an input is unreadable or invalid, or an output cannot be written
   4  a fault of the program itself";
@@ -24,7 +26,8 @@ const MAX_PROBLEMS: u32 = 1_000_000;
 /// Most threads that can be asked for.
 const MAX_THREADS: u16 = 1024;
 
-/// A local planner that never commits to a trajectory it cannot stop from, and a physics rig that checks it.
+/// A local planner for road vehicles that never commits to a trajectory it cannot stop from, and a vehicle simulation that
+/// checks whether that was right.
 #[derive(Debug, Parser)]
 #[command(name = "stopline", version, after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
 pub(super) struct Args {
@@ -34,19 +37,37 @@ pub(super) struct Args {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// One planning cycle from the initial state.
+    /// Compute one planning cycle from the initial state, without simulation.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
-    Plan(RunArgs),
-    /// Closed loop: replan at 10 Hz, execute in physics, judge.
+    Plan(PlanArgs),
+    /// Drive a scenario in closed loop: replan at 10 Hz, simulate the vehicle, check the run.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
-    Drive(RunArgs),
-    /// Regression suites: many drives, what is expected of them, reports that CI systems read.
+    Drive(DriveArgs),
+    /// Run regression suites and write reports that CI systems read.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Check(CheckArgs),
-    /// Comparisons on problems made from a seed.
+    /// Compare methods on problems generated from a seed.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Bench(BenchArgs),
+    /// Print the completion script of a shell.
+    #[command(after_help = COMPLETIONS_HELP, after_long_help = COMPLETIONS_HELP)]
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page, or write the pages of all commands.
+    Man {
+        /// Write one page per command to this folder (stopline.1, stopline-plan.1, …); it is created if missing.
+        #[arg(long, value_name = "FOLDER")]
+        out: Option<PathBuf>,
+    },
 }
+
+/// How a completion script is installed.
+const COMPLETIONS_HELP: &str = "Examples:
+  bash  stopline completions bash > ~/.local/share/bash-completion/completions/stopline
+  zsh   stopline completions zsh > ~/.zfunc/_stopline   (with ~/.zfunc in fpath)
+  fish  stopline completions fish > ~/.config/fish/completions/stopline.fish";
 
 /// Arguments of `check`.
 #[derive(Debug, ArgGroup)]
@@ -200,83 +221,6 @@ pub(super) struct SpiralArgs {
     pub(super) quiet: bool,
 }
 
-/// Arguments of `plan` and `drive`.
-#[derive(Debug, ArgGroup)]
-pub(super) struct RunArgs {
-    /// Scenario file: CommonRoad XML, 2018b or 2020a.
-    pub(super) scenario: PathBuf,
-
-    /// Vehicle: the name of one built in, or a folder with vehicle.urdf and dynamics.toml.
-    #[arg(long, value_name = "NAME|FOLDER", default_value = "bmw_320i")]
-    pub(super) vehicle: String,
-
-    /// Settings to change, as TOML.
-    #[arg(long, value_name = "FILE.toml")]
-    pub(super) config: Option<PathBuf>,
-
-    /// Occupancy grid of ROS in the scenario's coordinates: its occupied cells are obstacles, too.
-    #[arg(long, value_name = "FILE.yaml")]
-    pub(super) grid: Option<PathBuf>,
-
-    /// Whose limits of comfort count: safetlp (the vehicle's own), iso15622, iso11270, r157.
-    #[arg(long, value_name = "PRESET")]
-    pub(super) comfort: Option<ComfortPreset>,
-
-    /// Drive what is planned to rest in a forked world every so many seconds; `off` for never. Half a second if not given.
-    #[arg(long, value_name = "S|off", value_parser = fallback_interval)]
-    pub(super) fallbacks: Option<FallbackInterval>,
-
-    /// A fault for the rig that the planner does not know of; repeatable: delay=S, friction=FACTOR, mass=FACTOR, noise=M,
-    /// missed_cycles=N.
-    #[arg(long, value_name = "NAME=VALUE", value_parser = fault)]
-    pub(super) inject: Vec<String>,
-
-    /// Friction of the road: a factor or dry, wet, ice for all of it; or a file of `[[friction]]` tables with a `factor` and a
-    /// `polygon` each.
-    #[arg(long, value_name = "FACTOR|FILE.toml", allow_negative_numbers = true)]
-    pub(super) friction: Option<String>,
-
-    /// Which planning problem of the file; needed if it has several.
-    #[arg(long, value_name = "ID", allow_negative_numbers = true)]
-    pub(super) problem: Option<i64>,
-
-    /// Seed of what is random: the noise of `--inject noise`. Kept in the result.
-    #[arg(long, value_name = "N")]
-    pub(super) seed: Option<u64>,
-
-    /// Threads to plan with; all cores if not given. The result does not depend on it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
-    pub(super) threads: Option<u16>,
-
-    /// The result as JSON; `-` prints it on stdout, and nothing else.
-    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
-    pub(super) json: Option<PathBuf>,
-
-    /// Every planning cycle of a drive with its candidates, their cost terms and why they were rejected, in the JSON: large.
-    #[arg(long, requires = "json", help_heading = "Outputs")]
-    pub(super) json_cycles: bool,
-
-    /// The driven samples (for `plan`, the planned ones) as a table.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
-    pub(super) csv: Option<PathBuf>,
-
-    /// A CommonRoad solution of the kinematic single-track model.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
-    pub(super) solution: Option<PathBuf>,
-
-    /// A picture.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
-    pub(super) svg: Option<PathBuf>,
-
-    /// A recording for the Rerun viewer.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
-    pub(super) rrd: Option<PathBuf>,
-
-    /// No report and no progress bar; errors only.
-    #[arg(long)]
-    pub(super) quiet: bool,
-}
-
 /// The length of a benchmark's road, m.
 fn road_length(text: &str) -> Result<f64, String> {
     number_in(text, 0.001..=10_000.0, "a length in metres, 0.001 to 10000")
@@ -289,22 +233,6 @@ fn bin_width(text: &str) -> Result<f64, String> {
 
 fn number_in(text: &str, range: std::ops::RangeInclusive<f64>, expected: &str) -> Result<f64, String> {
     text.parse().ok().filter(|x| range.contains(x)).ok_or_else(|| expected.to_owned())
-}
-
-/// How often fallbacks are driven.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum FallbackInterval {
-    Off,
-    Seconds(f64),
-}
-
-fn fallback_interval(text: &str) -> Result<FallbackInterval, String> {
-    if text == "off" { Ok(FallbackInterval::Off) } else { seconds(text).map(FallbackInterval::Seconds) }
-}
-
-/// A fault by itself is as it should be; what is injected twice counts as it was last.
-fn fault(text: &str) -> Result<String, String> {
-    Faults::default().inject(text).map(|()| text.to_owned())
 }
 
 /// A time that is a number and not negative, s.

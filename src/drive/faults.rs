@@ -71,7 +71,7 @@ impl Faults {
             other => return Err(format!("`{other}` is no fault; {}", expected())),
         }
         match self.wrong() {
-            Some((name, value, expected)) => Err(format!("{name} is {value}, it must be {expected}")),
+            Some((name, _, expected)) => Err(format!("{name} must be {expected}")),
             None => Ok(()),
         }
     }
