@@ -1,7 +1,6 @@
-//! Validation of the vehicle simulation against closed forms and published vehicle models, without planner and
-//! controller.
+//! The physics of the rig against closed forms and published vehicle models, without planner and controller.
 //!
-//! Each test prints its metrics (`--nocapture`); `docs/physics.md` has the table.
+//! Each test prints what it measured (`--nocapture`); `docs/physics.md` has the table.
 
 #[path = "../examples/manoeuvres/rig.rs"]
 #[allow(dead_code)] // the example uses the rest
@@ -12,13 +11,13 @@ use stopline::geometry::{Point, Pose};
 use stopline::simulation::{Command, FrictionRegion, GRAVITY, Log, Sample, Settings, World};
 use stopline::vehicle::{self, State, Vehicle};
 
-/// Logs every step.
+/// Every step is logged.
 const EACH_STEP: Settings =
     Settings { step: 0.001, log_rate_hz: 1000.0, control_rate_hz: 1000.0, friction_scale: 1.0, anti_lock: true };
 
-/// Limits of the relative RMS differences from the reference models: yaw rate and lateral acceleration of ST, then of
-/// MB. `docs/physics.md` explains the differences.
-const MAX_SHARES: [(&str, [f64; 4]); 4] = [
+/// Differences from the reference models that are held: yaw rate and lateral acceleration of ST, the same of MB, RMS over RMS.
+/// `docs/physics.md` says where they come from.
+const LARGEST_SHARES: [(&str, [f64; 4]); 4] = [
     ("step_steer", [0.02, 0.03, 0.09, 0.09]),
     ("ramp_steer", [0.03, 0.05, 0.09, 0.08]),
     ("slalom", [0.04, 0.07, 0.06, 0.11]),
@@ -33,7 +32,7 @@ fn at_speed(speed: f64) -> State {
     State { time: 0.0, pose: Pose::new(0.0, 0.0, 0.0), speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
-/// Understeer gradient of the linear single-track model with cornering stiffness proportional to load, rad s²/m.
+/// Understeer gradient of the linear single-track model with stiffness in proportion to load, rad s²/m.
 fn understeer_gradient(v: &Vehicle) -> f64 {
     (1.0 / v.tyres.cornering_front - 1.0 / v.tyres.cornering_rear) / GRAVITY
 }
@@ -43,7 +42,7 @@ fn linear_steering(v: &Vehicle, lateral: f64, speed: f64) -> f64 {
     lateral * (v.wheelbase / (speed * speed) + understeer_gradient(v))
 }
 
-/// The last sample of a turn with constant steering angle and an ideal cruise control.
+/// The sample at the end of a turn in which an ideal cruise control, nothing else, keeps the speed.
 fn steady_turn(v: &Vehicle, speed: f64, steering: f64, duration: f64) -> Sample {
     let v = bare(v, EACH_STEP.step);
     let mut world = World::new(&v, &[], &State { steering, ..at_speed(speed) }, &Settings::default()).unwrap();
@@ -58,7 +57,7 @@ fn steady_turn(v: &Vehicle, speed: f64, steering: f64, duration: f64) -> Sample 
 }
 
 #[test]
-fn steady_yaw_rate_matches_the_linear_single_track_model() {
+fn steady_yaw_rate_is_that_of_the_linear_single_track_model_within_two_percent_at_a_fifth_of_g() {
     let lateral = 0.2 * GRAVITY;
     for (name, speeds) in [
         ("bmw_320i", [10.0, 20.0, 35.0]),
@@ -72,47 +71,44 @@ fn steady_yaw_rate_matches_the_linear_single_track_model() {
                 let steering = side * linear_steering(&v, lateral, speed);
                 let s = steady_turn(&v, speed, steering, 20.0);
                 let expected = s.speed * steering / (v.wheelbase + understeer_gradient(&v) * s.speed * s.speed);
-                let error = s.yaw_rate / expected - 1.0;
-                let metrics = format!(
+                let off = s.yaw_rate / expected - 1.0;
+                let figures = format!(
                     "{name} {speed} m/s, {:+.3} m/s²: yaw rate {:+.5} rad/s, linear {expected:+.5} rad/s, {:+.2} %",
                     s.lateral_acceleration,
                     s.yaw_rate,
-                    100.0 * error
+                    100.0 * off
                 );
-                println!("{metrics}");
-                // 0.2 g exceeds the linear range of the robot's soft tyres above 5 m/s
-                assert!(
-                    error.abs() <= 0.02 && (s.lateral_acceleration.abs() / lateral - 1.0).abs() < 0.05,
-                    "{metrics}"
-                );
+                println!("{figures}");
+                // the robot's tyres are so soft that a fifth of g is no longer the linear part of their curve above 5 m/s
+                assert!(off.abs() <= 0.02 && (s.lateral_acceleration.abs() / lateral - 1.0).abs() < 0.05, "{figures}");
             }
         }
     }
 }
 
 #[test]
-fn understeer_gradient_matches_the_cornering_stiffnesses() {
-    // understeering, oversteering (below the critical speed), neutral
+fn understeer_gradient_is_that_of_the_cornering_stiffnesses() {
+    // understeering, oversteering (below its critical speed), neutral
     for (front, rear) in [(18.0, 26.0), (26.0, 18.0), (21.92, 21.92)] {
         let mut v = bmw();
         (v.tyres.cornering_front, v.tyres.cornering_rear) = (front, rear);
-        // ISO 4138: steering angle in excess of the Ackermann angle, over the lateral acceleration
-        let excess = |lateral: f64| {
+        // ISO 4138: steering beyond that of the path's curvature, over the lateral acceleration
+        let beyond = |lateral: f64| {
             let steering = linear_steering(&v, lateral, 20.0);
             let s = steady_turn(&v, 20.0, steering, 30.0);
             (steering - (v.wheelbase * s.yaw_rate / s.speed).atan(), s.lateral_acceleration)
         };
-        let (low, high) = (excess(0.1), excess(0.3));
+        let (low, high) = (beyond(0.1), beyond(0.3));
         let (gradient, expected) = ((high.0 - low.0) / (high.1 - low.1), understeer_gradient(&v));
-        println!("stiffness {front}/{rear}: {:.5} °s²/m, expected {:.5}", gradient.to_degrees(), expected.to_degrees());
-        // two percent of one axle's contribution, because the gradient is a difference and may be zero
+        println!("stiffness {front}/{rear}: {:.5} °s²/m of {:.5}", gradient.to_degrees(), expected.to_degrees());
+        // two percent of what one axle's slip contributes: the gradient is a difference, and may be zero
         let scale = 1.0 / (front.min(rear) * GRAVITY);
         assert!((gradient - expected).abs() < 0.02 * scale, "{gradient} {expected}");
     }
 }
 
 #[test]
-fn rear_slip_angle_follows_the_brush_model() {
+fn slip_angle_of_the_rear_axle_follows_the_brush_curve_up_to_four_fifths_of_the_grip() {
     let v = bmw();
     let grip = v.tyres.friction * GRAVITY;
     for share in [0.1, 0.3, 0.5, 0.7, 0.8] {
@@ -127,7 +123,7 @@ fn rear_slip_angle_follows_the_brush_model() {
 }
 
 #[test]
-fn turn_uses_nearly_all_grip_and_never_exceeds_it() {
+fn a_turn_never_has_more_than_the_grip_and_comes_near_it() {
     for scale in [1.0, 0.5, 0.2] {
         let v = bare(&bmw(), EACH_STEP.step);
         let grip = scale * v.tyres.friction * GRAVITY;
@@ -135,14 +131,14 @@ fn turn_uses_nearly_all_grip_and_never_exceeds_it() {
         let mut world = World::new(&v, &[], &at_speed(20.0), &settings).unwrap();
         let mut log = Log::default();
         world.hold(Command { acceleration: 0.0, steering: 0.4 }, 2.0, &mut log);
-        let used = log.samples.iter().map(|s| s.lateral_acceleration.hypot(s.acceleration)).fold(0.0, f64::max);
-        println!("μ·{scale}: {used:.3} m/s² of {grip:.3}");
-        assert!(used <= grip * (1.0 + 1e-9) && used > 0.97 * grip, "{used} of {grip}");
+        let most = log.samples.iter().map(|s| s.lateral_acceleration.hypot(s.acceleration)).fold(0.0, f64::max);
+        println!("μ·{scale}: {most:.3} m/s² of {grip:.3}");
+        assert!(most <= grip * (1.0 + 1e-9) && most > 0.97 * grip, "{most} of {grip}");
     }
 }
 
 #[test]
-fn braking_distance_matches_the_closed_form_with_and_without_anti_lock() {
+fn locked_wheels_stop_within_one_percent_of_v_squared_over_two_mu_g_and_anti_lock_within_four() {
     for (scale, speed, anti_lock) in [
         (1.0, 30.0, false),
         (1.0, 20.0, false),
@@ -154,7 +150,7 @@ fn braking_distance_matches_the_closed_form_with_and_without_anti_lock() {
         (0.2, 10.0, true),
     ] {
         let mut v = bare(&bmw(), EACH_STEP.step);
-        // locks the front wheels on any road
+        // enough to lock the front wheels against all that their tyres have
         v.limits.deceleration = 30.0;
         let settings = Settings { friction_scale: scale, anti_lock, ..EACH_STEP };
         let mut world = World::new(&v, &[], &at_speed(speed), &settings).unwrap();
@@ -162,23 +158,23 @@ fn braking_distance_matches_the_closed_form_with_and_without_anti_lock() {
         world.hold(Command { acceleration: -50.0, steering: 0.0 }, 20.0, &mut log);
         let distance = log.samples.last().unwrap().pose.position.x;
         let expected = speed * speed / (2.0 * scale * v.tyres.friction * GRAVITY);
-        let error = distance / expected - 1.0;
+        let off = distance / expected - 1.0;
         let kind = if anti_lock { "anti-lock" } else { "locked" };
-        println!("{kind} μ·{scale}, {speed} m/s: {distance:.3} m, v²/2μg {expected:.3} m, {:+.2} %", 100.0 * error);
-        // anti-lock uses 98 % of the grip, and the load transfer takes time
-        let limit = if anti_lock { 0.04 } else { 0.01 };
-        assert!(error.abs() <= limit, "{kind}: {distance} {expected}");
+        println!("{kind} μ·{scale}, {speed} m/s: {distance:.3} m, v²/2μg {expected:.3} m, {:+.2} %", 100.0 * off);
+        // anti-lock keeps to 98 % of the grip, and loads need their time to move to the front
+        let most = if anti_lock { 0.04 } else { 0.01 };
+        assert!(off.abs() <= most, "{kind}: {distance} {expected}");
     }
 }
 
 #[test]
-fn coasting_matches_the_closed_form_of_drag_and_rolling_resistance() {
+fn coasting_loses_speed_by_drag_and_rolling_resistance_alone() {
     for name in vehicle::builtin_names() {
         let v = vehicle::load(name).unwrap();
         let (speed, duration) = (0.8 * v.limits.speed, 10.0);
         let mut world = World::new(&v, &[], &at_speed(speed), &Settings::default()).unwrap();
         let mut log = Log::default();
-        // the drive torque that kept the initial speed decays first
+        // the drive, which kept the speed, is let go first
         world.hold(Command { acceleration: 0.0, steering: 0.0 }, 3.0, &mut log);
         let before = world.state().speed;
         world.hold(Command { acceleration: 0.0, steering: 0.0 }, 3.0 + duration, &mut log);
@@ -186,20 +182,20 @@ fn coasting_matches_the_closed_form_of_drag_and_rolling_resistance() {
         let inert = spin_share(&v);
         let (a, b) = (v.tyres.rolling_resistance * GRAVITY / inert, v.tyres.drag / (v.mass * inert));
         let expected = (a / b).sqrt() * ((before * (b / a).sqrt()).atan() - (a * b).sqrt() * duration).tan();
-        let decrease = before - world.state().speed;
-        println!("{name}: {decrease:.4} m/s slower after {duration} s, closed form {:.4} m/s", before - expected);
-        assert!((decrease / (before - expected) - 1.0).abs() < 0.005, "{name}");
+        let lost = before - world.state().speed;
+        println!("{name}: {lost:.4} m/s lost in {duration} s, closed form {:.4} m/s", before - expected);
+        assert!((lost / (before - expected) - 1.0).abs() < 0.005, "{name}");
     }
 }
 
 #[test]
-fn full_power_gains_the_expected_energy() {
+fn full_drive_gains_the_energy_that_the_power_gives() {
     let v = bare(&bmw(), EACH_STEP.step);
     let (speed, duration) = (20.0, 5.0);
     let mut world = World::new(&v, &[], &at_speed(speed), &Settings::default()).unwrap();
     let mut log = Log::default();
     world.hold(Command { acceleration: 50.0, steering: 0.0 }, duration, &mut log);
-    // P = m a v_s: v² = v₀² + 2 P t/m, minus the loss by tyre slip
+    // P = m a v_s: v² = v₀² + 2 P t/m; slip of the tyres takes its share of it
     let power = v.limits.acceleration * v.limits.switching_speed;
     let expected = (speed * speed + 2.0 * power * duration / spin_share(&v)).sqrt();
     let reached = world.state().speed;
@@ -208,17 +204,17 @@ fn full_power_gains_the_expected_energy() {
 }
 
 #[test]
-fn actuator_time_constants_match_the_vehicle_parameters() {
+fn time_constants_of_drive_and_steering_are_the_vehicles() {
     for name in vehicle::builtin_names() {
         let mut v = vehicle::load(name).unwrap();
-        // drag would change with the speed during the measurement
+        // it would fall with the speed while the brakes are measured
         v.tyres.drag = 0.0;
         let speed = 0.25 * v.limits.speed;
         let response = |command: Command, measured: fn(&Sample) -> f64| {
             let mut world = World::new(&v, &[], &at_speed(speed), &EACH_STEP).unwrap();
             let mut log = Log::default();
-            let coast = Command { acceleration: 0.0, steering: 0.0 };
-            world.hold(coast, 2.0, &mut log);
+            let rest = Command { acceleration: 0.0, steering: 0.0 };
+            world.hold(rest, 2.0, &mut log);
             let before = measured(log.samples.last().unwrap());
             world.hold(command, 4.0, &mut log);
             let end = measured(log.samples.last().unwrap());
@@ -231,20 +227,20 @@ fn actuator_time_constants_match_the_vehicle_parameters() {
         let steering = response(Command { acceleration: 0.0, steering: 1e-4 }, |s| s.steering);
         let a = &v.actuators;
         println!(
-            "{name}: drive {drive:.3} s (parameter {}), brakes {brake:.3} s ({}), steering {steering:.3} s ({})",
+            "{name}: drive {drive:.3} s of {}, brakes {brake:.3} s of {}, steering {steering:.3} s of {}",
             a.drive_lag, a.brake_lag, a.steering_lag
         );
-        // tyre relaxation and wheel inertia add to the lag of drive and brakes
-        for (measured, lag, tolerance) in
+        // the tyres' relaxation and the wheels' spin come on top of drive and brakes
+        for (measured, lag, beyond) in
             [(drive, a.drive_lag, 0.03), (brake, a.brake_lag, 0.03), (steering, a.steering_lag, 0.003)]
         {
-            assert!(measured > lag - 0.002 && measured < lag + tolerance, "{name}: {measured} s, lag {lag} s");
+            assert!(measured > lag - 0.002 && measured < lag + beyond, "{name}: {measured} s, lag {lag} s");
         }
     }
 }
 
 #[test]
-fn brakes_hold_a_stopped_vehicle_for_a_minute() {
+fn a_car_with_turned_wheels_stands_a_minute_on_its_brakes() {
     for name in vehicle::builtin_names() {
         let v = vehicle::load(name).unwrap();
         for steering in [0.0, v.limits.steering] {
@@ -257,12 +253,12 @@ fn brakes_hold_a_stopped_vehicle_for_a_minute() {
     }
 }
 
-/// One row of the reference: motion of CommonRoad's single-track (ST) and multi-body (MB) models under the same inputs.
+/// One row of the reference: what CommonRoad's single-track (ST) and multi-body (MB) models drive under the same inputs.
 #[derive(serde::Deserialize)]
 struct Reference {
     vehicle: u8,
     manoeuvre: String,
-    /// Number of ticks since the start.
+    /// Ticks since the start.
     tick: usize,
     st_yaw_rate: f64,
     st_lateral_acceleration: f64,
@@ -272,20 +268,20 @@ struct Reference {
     mb_lateral_acceleration: f64,
 }
 
-/// Generated by `benches/vehicle_models/compare.py`.
+/// Made by `benches/vehicle_models/compare.py`.
 const REFERENCE: &str = include_str!("../benches/vehicle_models/reference.csv");
 
 fn rms(values: impl Iterator<Item = f64> + Clone) -> f64 {
     (values.clone().map(|x| x * x).sum::<f64>() / values.count() as f64).sqrt()
 }
 
-/// RMS of the difference of two series divided by the RMS of the second one.
+/// RMS of the difference of two series over the RMS of the second one.
 fn share(pairs: &[(f64, f64)]) -> f64 {
     rms(pairs.iter().map(|(a, b)| a - b)) / rms(pairs.iter().map(|(_, b)| *b))
 }
 
 #[test]
-fn manoeuvres_match_the_single_track_and_multi_body_models() {
+fn manoeuvres_are_those_of_the_single_track_and_multi_body_models_within_the_stated_shares() {
     let reference: Vec<Reference> =
         csv::Reader::from_reader(REFERENCE.as_bytes()).deserialize().collect::<Result<_, _>>().unwrap();
     for (name, number) in [("ford_escort", 1), ("bmw_320i", 2)] {
@@ -295,48 +291,47 @@ fn manoeuvres_match_the_single_track_and_multi_body_models() {
                 reference.iter().filter(|r| r.vehicle == number && r.manoeuvre == m.name).collect();
             assert!(rows.len() > 90, "{name} {}: {} rows", m.name, rows.len());
             let driven = m.drive(&v, Pose::new(-v.rear_axle_to_mass, 0.0, 0.0), &Settings::default()).unwrap();
-            let pairs = |measured: fn(&Instant) -> f64, expected: fn(&Reference) -> f64| -> Vec<(f64, f64)> {
-                rows.iter().map(|r| (measured(&driven[r.tick]), expected(r))).collect()
+            let pairs = |measured: fn(&Instant) -> f64, wanted: fn(&Reference) -> f64| -> Vec<(f64, f64)> {
+                rows.iter().map(|r| (measured(&driven[r.tick]), wanted(r))).collect()
             };
             let yaw = share(&pairs(|s| s.yaw_rate, |r| r.st_yaw_rate));
             let lateral = share(&pairs(|s| s.lateral_acceleration, |r| r.st_lateral_acceleration));
             let yaw_mb = share(&pairs(|s| s.yaw_rate, |r| r.mb_yaw_rate));
             let lateral_mb = share(&pairs(|s| s.lateral_acceleration, |r| r.mb_lateral_acceleration));
-            let distances = rows.iter().map(|r| (driven[r.tick].position - Point::new(r.st_x, r.st_y)).norm());
-            let metrics = format!(
+            let off = rows.iter().map(|r| (driven[r.tick].position - Point::new(r.st_x, r.st_y)).norm());
+            let figures = format!(
                 "{name} {}: yaw rate {:.2} % of ST, {:.2} % of MB; lateral acceleration {:.2} %, {:.2} %; {:.2} m from ST",
                 m.name,
                 100.0 * yaw,
                 100.0 * yaw_mb,
                 100.0 * lateral,
                 100.0 * lateral_mb,
-                distances.fold(0.0, f64::max)
+                off.fold(0.0, f64::max)
             );
-            println!("{metrics}");
-            let limits = MAX_SHARES.iter().find(|(name, _)| *name == m.name).unwrap().1;
-            let shares = [yaw, lateral, yaw_mb, lateral_mb];
-            assert!(shares.iter().zip(limits).all(|(share, limit)| *share <= limit), "{metrics}, limits {limits:?}");
+            println!("{figures}");
+            let most = LARGEST_SHARES.iter().find(|(name, _)| *name == m.name).unwrap().1;
+            let found = [yaw, lateral, yaw_mb, lateral_mb];
+            assert!(found.iter().zip(most).all(|(found, most)| *found <= most), "{figures}, at most {most:?}");
         }
     }
 }
 
-/// The largest distance between two runs, m, with the poses of the first run mapped by a function.
-fn max_distance(a: &[Instant], b: &[Instant], map: impl Fn(Pose) -> Pose) -> f64 {
+/// The largest distance of two runs, the first mapped by a function, m.
+fn apart(a: &[Instant], b: &[Instant], map: impl Fn(Pose) -> Pose) -> f64 {
     assert_eq!(a.len(), b.len());
     let mapped = |s: &Instant| map(Pose { position: s.position, yaw: s.yaw }).position;
     a.iter().zip(b).map(|(p, q)| (mapped(p) - q.position).norm()).fold(0.0, f64::max)
 }
 
 #[test]
-fn manoeuvres_are_invariant_to_rotation_and_large_shifts() {
+fn turned_and_shifted_by_a_thousand_kilometres_each_manoeuvre_is_the_same() {
     let v = bmw();
     let origin = Pose::new(0.0, 0.0, 0.0);
     for m in &MANOEUVRES {
         let near = m.drive(&v, origin, &Settings::default()).unwrap();
         for from in [Pose::new(0.0, 0.0, 2.0), Pose::new(1e6, -1e6, 0.0), Pose::new(-1e6, 1e6, -0.7)] {
             let far = m.drive(&v, from, &Settings::default()).unwrap();
-            let worst =
-                max_distance(&near, &far, |p| Pose { position: from.to_world(p.position), yaw: p.yaw + from.yaw });
+            let worst = apart(&near, &far, |p| Pose { position: from.to_world(p.position), yaw: p.yaw + from.yaw });
             println!("{} from {from:?}: {worst:.1e} m", m.name);
             // f64 resolves 2·10⁻¹⁰ m at 10⁶ m
             assert!(worst < 1e-8, "{}: {worst} m", m.name);
@@ -345,36 +340,36 @@ fn manoeuvres_are_invariant_to_rotation_and_large_shifts() {
 }
 
 #[test]
-fn manoeuvres_converge_at_first_order() {
+fn halving_the_step_again_and_again_converges_at_first_order() {
     let v = bmw();
     let origin = Pose::new(0.0, 0.0, 0.0);
     for m in &MANOEUVRES {
         let with = |step: f64| m.drive(&v, origin, &Settings { step, ..Settings::default() }).unwrap();
         let runs = [0.002, 0.001, 0.0005, 0.00025].map(with);
-        let changes = [0, 1, 2].map(|i| max_distance(&runs[i], &runs[i + 1], |p| p));
+        let changes = [0, 1, 2].map(|i| apart(&runs[i], &runs[i + 1], |p| p));
         println!("{}: steps of 2, 1, ½, ¼ ms: {changes:.5?} m", m.name);
-        let length: f64 = runs[1].windows(2).map(|w| (w[1].position - w[0].position).norm()).sum();
-        assert!(changes[1] < 2e-4 * length, "{}: {changes:?} m on {length} m", m.name);
+        let way: f64 = runs[1].windows(2).map(|w| (w[1].position - w[0].position).norm()).sum();
+        assert!(changes[1] < 2e-4 * way, "{}: {changes:?} m on {way} m", m.name);
         assert!(changes[1] < 0.7 * changes[0] && changes[2] < 0.7 * changes[1], "{}: {changes:?} m", m.name);
     }
 }
 
 #[test]
-fn mirrored_manoeuvres_give_the_mirrored_motion() {
+fn mirrored_each_manoeuvre_is_the_mirror_image() {
     let v = bmw();
     let origin = Pose::new(0.0, 0.0, 0.0);
     for m in &MANOEUVRES {
         let (left, right) = (m, m.mirrored());
         let a = left.drive(&v, origin, &Settings::default()).unwrap();
         let b = right.drive(&v, origin, &Settings::default()).unwrap();
-        let worst = max_distance(&a, &b, |p| Pose { position: Point::new(p.position.x, -p.position.y), yaw: -p.yaw });
+        let worst = apart(&a, &b, |p| Pose { position: Point::new(p.position.x, -p.position.y), yaw: -p.yaw });
         println!("{} mirrored: {worst:.1e} m", m.name);
         assert!(worst < 1e-9, "{}: {worst} m", m.name);
     }
 }
 
 #[test]
-fn repetitions_are_equal_to_the_bit() {
+fn ten_repetitions_are_the_same_to_the_bit() {
     let v = bmw();
     for m in &MANOEUVRES {
         let bits = || -> Vec<[u64; 4]> {
@@ -387,7 +382,7 @@ fn repetitions_are_equal_to_the_bit() {
 }
 
 #[test]
-fn split_friction_turns_a_braking_car_and_ice_limits_its_deceleration() {
+fn one_side_on_ice_turns_the_braking_car_to_the_dry_side_and_ice_all_over_lengthens_the_stop() {
     let v = bmw();
     let braked = |polygon: &[[f64; 2]], anti_lock: bool| {
         let ice = FrictionRegion { factor: 0.15, polygon: polygon.to_vec() };
@@ -405,12 +400,12 @@ fn split_friction_turns_a_braking_car_and_ice_limits_its_deceleration() {
         println!("left side on ice, anti-lock {anti_lock}: {:+.3} rad/s after 1 s", on_left.yaw_rate);
         assert!(on_left.yaw_rate < -0.1 && (on_left.yaw_rate + on_right.yaw_rate).abs() < 1e-9, "{on_left:?}");
     }
-    // dry up to x = 5 m, ice beyond: the grip decreases axle by axle
+    // dry up to x = 5 m, ice beyond: each axle loses its grip as it gets there
     let beyond = [[5.0, -10.0], [200.0, -10.0], [200.0, 10.0], [5.0, 10.0]];
     let (_, log) = braked(&beyond, true);
     let hardest = |from: f64, to: f64| {
-        let inside = log.samples.iter().filter(|s| s.pose.position.x > from && s.pose.position.x < to);
-        inside.map(|s| -s.acceleration).fold(0.0, f64::max)
+        let there = log.samples.iter().filter(|s| s.pose.position.x > from && s.pose.position.x < to);
+        there.map(|s| -s.acceleration).fold(0.0, f64::max)
     };
     let ice = 0.15 * v.tyres.friction * GRAVITY + 0.02 * 15.0;
     assert!(hardest(0.0, 2.0) > 2.0 && hardest(5.5, 100.0) <= ice, "{} {}", hardest(0.0, 2.0), hardest(5.5, 100.0));

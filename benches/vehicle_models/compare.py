@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares the vehicle simulation with the single-track and multi-body models of commonroad-vehicle-models.
+"""The physics rig against the single-track and multi-body models of commonroad-vehicle-models.
 
 See README.md beside this file. All quantities in SI units, at the centre of mass.
 """
@@ -22,8 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 VEHICLES = {1: ("ford_escort", parameters_vehicle1), 2: ("bmw_320i", parameters_vehicle2)}
 MANOEUVRES = ["step_steer", "ramp_steer", "slalom", "brake_in_turn"]
 SIGNALS = ["yaw_rate_radps", "lateral_acceleration_mps2", "speed_mps", "x_m", "y_m"]
-TICK = 0.01  # s, inputs are constant over a tick
-STEP = 0.0005  # s, integration step
+TICK = 0.01  # s, over which inputs are constant
+STEP = 0.0005  # s, of the integration
 EVERY = 5  # ticks between rows of the reference
 
 
@@ -34,7 +34,7 @@ def read(path):
 
 
 def simulate(dynamics, start, parameters, inputs, observe, step):
-    """Signals at each tick; `observe` computes them from a state and its derivative."""
+    """States at each tick; `observe` makes the signals of a state and its derivative."""
     state, out = np.array(start, dtype=float), []
     steps = round(TICK / step)
 
@@ -59,14 +59,14 @@ def observe_st(x, dx):
 
 
 def observe_mb(x, dx):
-    # velocities are in the body frame: x4 forward, x11 to the left
+    # velocities are in the body's frame: x4 forward, x11 to the left
     return x[5], dx[10] + x[5] * x[3], x[3], x[0], x[1]
 
 
-def reference(parameters, simulation, step=STEP):
-    """Motion of the reference models under the inputs of the simulation."""
-    core = [0.0, 0.0, 0.0, simulation["speed_mps"][0], 0.0, 0.0, 0.0]
-    inputs = list(zip(simulation["steering_rate_radps"], simulation["acceleration_mps2"]))
+def reference(parameters, rig, step=STEP):
+    """What the reference models drive with the rig's inputs."""
+    core = [0.0, 0.0, 0.0, rig["speed_mps"][0], 0.0, 0.0, 0.0]
+    inputs = list(zip(rig["steering_rate_radps"], rig["acceleration_mps2"]))
     return {
         "st": simulate(vehicle_dynamics_st, init_st(core), parameters, inputs, observe_st, step),
         "mb": simulate(vehicle_dynamics_mb, init_mb(core, parameters), parameters, inputs, observe_mb, step),
@@ -78,26 +78,25 @@ def rms(values):
 
 
 def share(a, b, key):
-    """RMS of the difference divided by the RMS of the second signal, percent."""
+    """RMS of the difference over the RMS of the second one, percent."""
     return 100.0 * rms(a[key] - b[key]) / rms(b[key])
 
 
-def max_distance(a, b):
+def apart(a, b):
     return float(np.max(np.hypot(a["x_m"] - b["x_m"], a["y_m"] - b["y_m"])))
 
 
 COLUMNS = [
-    "vehicle", "manoeuvre", "yaw rate: simulation to ST, %", "simulation to MB, %", "ST to MB, %",
-    "lateral acceleration: simulation to ST, %", "simulation to MB, %", "ST to MB, %",
-    "largest distance: simulation to ST, m", "simulation to MB, m", "ST to MB, m", "path length, m",
+    "vehicle", "manoeuvre", "yaw rate: rig to ST, %", "rig to MB, %", "ST to MB, %",
+    "lateral acceleration: rig to ST, %", "rig to MB, %", "ST to MB, %",
+    "furthest apart: rig to ST, m", "rig to MB, m", "ST to MB, m", "way, m",
 ]
 
 
-def row_of(name, manoeuvre, simulation, st, mb):
-    pairs = [(simulation, st), (simulation, mb), (st, mb)]
-    length = float(np.sum(np.hypot(np.diff(simulation["x_m"]), np.diff(simulation["y_m"]))))
-    shares = [share(a, b, key) for key in SIGNALS[:2] for a, b in pairs]
-    values = shares + [max_distance(a, b) for a, b in pairs] + [length]
+def row_of(name, manoeuvre, rig, st, mb):
+    pairs = [(rig, st), (rig, mb), (st, mb)]
+    way = float(np.sum(np.hypot(np.diff(rig["x_m"]), np.diff(rig["y_m"]))))
+    values = [share(a, b, key) for key in SIGNALS[:2] for a, b in pairs] + [apart(a, b) for a, b in pairs] + [way]
     return [name, manoeuvre.replace("_", " ")] + [f"{value:.2f}" for value in values]
 
 
@@ -111,8 +110,8 @@ def write_reference(path, runs):
         out = csv.writer(file, lineterminator="\n")
         keys = [f"{model}_{key}" for model in ("st", "mb") for key in ("yaw_rate", "lateral_acceleration", "x", "y")]
         out.writerow(["vehicle", "manoeuvre", "tick", *keys])
-        for (number, manoeuvre), (simulation, models) in runs.items():
-            for tick in range(0, len(simulation["time_s"]), EVERY):
+        for (number, manoeuvre), (rig, models) in runs.items():
+            for tick in range(0, len(rig["time_s"]), EVERY):
                 columns = [("yaw_rate_radps", 5), ("lateral_acceleration_mps2", 4), ("x_m", 3), ("y_m", 3)]
                 values = [f"{models[m][key][tick] + 0.0:.{digits}f}" for m in ("st", "mb") for key, digits in columns]
                 out.writerow([number, manoeuvre, tick, *values])
@@ -120,13 +119,13 @@ def write_reference(path, runs):
 
 # pictures
 
-LINES = [("simulation", "#1a1a1a", "1.6", ""), ("ST", "#0072b2", "1.4", "6 3"), ("MB", "#d55e00", "1.4", "2 2")]
+LINES = [("rig", "#1a1a1a", "1.6", ""), ("ST", "#0072b2", "1.4", "6 3"), ("MB", "#d55e00", "1.4", "2 2")]
 PANELS = [("yaw_rate_radps", "yaw rate, rad/s"), ("lateral_acceleration_mps2", "lateral acceleration, m/s²")]
 WIDTH, HEIGHT, LEFT, TOP, GAP = 235, 150, 62, 44, 46
 
 
 def ticks(low, high):
-    """Four to eight round numbers that cover a range."""
+    """Round numbers that cover the range, four to eight of them."""
     raw = (high - low) / 5.0
     scale = 10.0 ** np.floor(np.log10(raw))
     step = next(m * scale for m in (1, 2, 5, 10) if m * scale >= raw)
@@ -138,7 +137,7 @@ def number(value):
 
 
 def panel(x, y, time, series, title, label):
-    """Axes with the lines of all models."""
+    """One pair of axes with the lines of all models."""
     low = min(float(np.min(values)) for values in series)
     high = max(float(np.max(values)) for values in series)
     low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
@@ -168,16 +167,16 @@ def picture(path, name, runs):
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total_width} {total_height}" '
         'font-family="sans-serif" font-size="11" fill="#333">',
-        f"<title>{name}: the simulation and CommonRoad's single-track (ST) and multi-body (MB) models</title>",
+        f"<title>{name}: the rig and CommonRoad's single-track (ST) and multi-body (MB) models</title>",
         f'<rect width="{total_width}" height="{total_height}" fill="white"/>',
     ]
     for column, manoeuvre in enumerate(MANOEUVRES):
-        simulation, models = runs[manoeuvre]
+        rig, models = runs[manoeuvre]
         for line, (key, label) in enumerate(PANELS):
-            series = [simulation[key], models["st"][key], models["mb"][key]]
+            series = [rig[key], models["st"][key], models["mb"][key]]
             x, y = LEFT + column * (WIDTH + GAP), TOP + line * (HEIGHT + GAP)
             title = manoeuvre.replace("_", " ") if line == 0 else ""
-            out += panel(x, y, simulation["time_s"], series, title, label if column == 0 else "")
+            out += panel(x, y, rig["time_s"], series, title, label if column == 0 else "")
     bottom = total_height - 12
     for i, (label, colour, width, dashes) in enumerate(LINES):
         x = LEFT + 110 * i
@@ -191,18 +190,18 @@ def picture(path, name, runs):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--manoeuvres", default=ROOT / "target/release/examples/manoeuvres", type=Path,
-                        help="path of the built example")
-    parser.add_argument("--check-step", action="store_true", help="only print the effect of half the integration step")
+                        help="the built example")
+    parser.add_argument("--check-step", action="store_true", help="only say what halving the integration step changes")
     arguments = parser.parse_args()
     runs = {}
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([arguments.manoeuvres, folder], check=True, stdout=subprocess.DEVNULL)
         for number_, (name, parameters) in VEHICLES.items():
             for manoeuvre in MANOEUVRES:
-                simulation = read(Path(folder) / f"{number_}.{manoeuvre}.csv")
-                runs[number_, manoeuvre] = (simulation, reference(parameters(), simulation))
+                rig = read(Path(folder) / f"{number_}.{manoeuvre}.csv")
+                runs[number_, manoeuvre] = (rig, reference(parameters(), rig))
                 if arguments.check_step:
-                    finer = reference(parameters(), simulation, 0.5 * STEP)
+                    finer = reference(parameters(), rig, 0.5 * STEP)
                     models = runs[number_, manoeuvre][1]
                     change = max(np.max(np.abs(models[m]["yaw_rate_radps"] - finer[m]["yaw_rate_radps"])) for m in finer)
                     print(f"{name} {manoeuvre}: {change:.1e} rad/s")
@@ -210,7 +209,7 @@ def main():
         return
     docs = ROOT / "docs/physics"
     docs.mkdir(parents=True, exist_ok=True)
-    rows = [row_of(VEHICLES[v][0], m, run, models["st"], models["mb"]) for (v, m), (run, models) in runs.items()]
+    rows = [row_of(VEHICLES[v][0], m, rig, models["st"], models["mb"]) for (v, m), (rig, models) in runs.items()]
     write_table(docs, rows)
     write_reference(Path(__file__).parent / "reference.csv", runs)
     for number_, (name, _) in VEHICLES.items():
