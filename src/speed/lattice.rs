@@ -179,15 +179,14 @@ const MAX_KEPT_BYTES: usize = 16 << 20;
 impl Memory {
     /// Reserved bytes.
     fn bytes(&self) -> usize {
-        let fronts =
-            [&self.active, &self.suspended].map(|f| SearchLists::bytes(f.open.capacity(), f.closed.capacity()));
-        self.nodes.capacity() * size_of::<Node>() + fronts.iter().sum::<usize>()
+        let lists = [&self.active, &self.suspended].map(|f| SearchLists::bytes(f.open.capacity(), f.closed.capacity()));
+        self.nodes.capacity() * size_of::<Node>() + lists.iter().sum::<usize>()
     }
 
     /// Bytes in use, independent of the capacity that earlier searches left.
     fn bytes_in_use(&self) -> usize {
-        let fronts = [&self.active, &self.suspended].map(|f| SearchLists::bytes(f.open.len(), f.closed.len()));
-        self.nodes.len() * size_of::<Node>() + fronts.iter().sum::<usize>()
+        let lists = [&self.active, &self.suspended].map(|f| SearchLists::bytes(f.open.len(), f.closed.len()));
+        self.nodes.len() * size_of::<Node>() + lists.iter().sum::<usize>()
     }
 }
 

@@ -38,7 +38,7 @@
 //! The plan is a path through a lattice of (node, speed, time). [`Strategy::SafeTlp`] searches this lattice by
 //! Algorithm 1 of Cserna, Doyle, Gu and Ruml, *Safe Temporal Planning for Urban Driving*; [`Strategy`] lists the
 //! methods that the paper and this crate compare with it. [`smoothing`] then turns the raw profile into a jerk-limited
-//! one by a quadratic program, and [`prove`] checks any profile against the problem, with code that it does not share
+//! one by a quadratic program, and [`prove()`] checks any profile against the problem, with code that it does not share
 //! with the searches.
 //!
 //! # Guarantee

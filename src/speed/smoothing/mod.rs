@@ -26,7 +26,7 @@
 //!
 //! # Guarantee
 //!
-//! [`super::prove`] verifies every result; linearisation and soft limits cannot weaken a plan. If there is no result,
+//! [`super::prove()`] verifies every result; linearisation and soft limits cannot weaken a plan. If there is no result,
 //! the caller keeps the raw profile.
 //!
 //! # Weakness
