@@ -2,7 +2,7 @@
 //!
 //! The road is straight, empty and 100 m long, with steps of half a metre, a speed limit of 15 m/s and a stop at its
 //! end. The four sets of acceleration limits (Table 1 of the paper) and start speeds from 0 to 5 m/s in steps of 0.2
-//! m/s give 104 instances. Every [`Method`] searches each instance; [`crate::speed::prove`], which shares no code with
+//! m/s give 104 instances. Every [`Method`] searches each instance; [`crate::speed::prove()`], which shares no code with
 //! the searches, verifies the plans.
 //!
 //! The paper leaves three choices open:
@@ -187,7 +187,7 @@ pub struct PlanMetrics {
     pub top_speed: f64,
     /// Final speed, m/s.
     pub end_speed: f64,
-    /// Whether the plan passes [`prove`]: it ends in a safe state and keeps all limits.
+    /// Whether the plan passes [`prove()`]: it ends in a safe state and keeps all limits.
     pub proved_again: bool,
 }
 
