@@ -137,13 +137,13 @@ pub(super) struct BenchArgs {
     pub(super) comparison: Comparison,
 }
 
-/// What to compare.
+/// The comparison to run.
 #[derive(Debug, Subcommand)]
 pub(super) enum Comparison {
-    /// Smooth paths between lattice ends: spirals, polynomials, the lecture's way.
+    /// Compare methods that connect two poses smoothly: spirals, polynomials, the lecture's shooting method.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Spirals(SpiralArgs),
-    /// The experiment of the SafeTLP paper: four ways to search a speed, 104 instances. Takes minutes.
+    /// Repeat the experiment of the SafeTLP paper: four speed planners on 104 instances. Takes minutes.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Safetlp(SafeTlpArgs),
 }
@@ -155,7 +155,7 @@ pub(super) struct SafeTlpArgs {
     #[arg(long, value_name = "M", default_value_t = 100.0, value_parser = road_length, allow_negative_numbers = true)]
     pub(super) length: f64,
 
-    /// Length of a step, m. One that does not divide the road is made a little shorter.
+    /// Length of a step, m. A step that does not divide the road is adjusted to the nearest one that does.
     #[arg(long, value_name = "M", default_value_t = 0.5, allow_negative_numbers = true)]
     pub(super) step: f64,
 
@@ -163,31 +163,31 @@ pub(super) struct SafeTlpArgs {
     #[arg(long, value_name = "S", default_value_t = 0.1, value_parser = bin_width, allow_negative_numbers = true)]
     pub(super) time_bin: f64,
 
-    /// Take every Nth start speed only: 1 is the paper's experiment, 13 ends within seconds.
+    /// Use every Nth start speed: 1 is the paper's experiment, 13 takes seconds.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) every: u32,
 
-    /// Memory that a search may use, MiB.
+    /// Memory limit of a search, MiB.
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub(super) memory: u32,
 
-    /// Begin no search of plan-to-stop after this time, s; those left out are told.
+    /// Start no search of plan-to-stop after this time, s. The report counts the omitted searches.
     #[arg(long, value_name = "S", default_value_t = 1800.0, value_parser = seconds)]
     pub(super) time_limit: f64,
 
-    /// The result as JSON; `-` prints it on stdout, and nothing else.
+    /// The result as JSON. `-` prints it on stdout and suppresses the report.
     #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
     pub(super) json: Option<PathBuf>,
 
-    /// What each method made of each instance, as a table.
+    /// The measurement of each method on each instance, as CSV.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) csv: Option<PathBuf>,
 
-    /// The paper's three figures as one picture.
+    /// The paper's three figures as an SVG picture.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) svg: Option<PathBuf>,
 
-    /// No report and no progress bar; errors only.
+    /// Print errors only: no report and no progress bar.
     #[arg(long)]
     pub(super) quiet: bool,
 }
@@ -195,7 +195,7 @@ pub(super) struct SafeTlpArgs {
 /// Arguments of `bench spirals`.
 #[derive(Debug, ArgGroup)]
 pub(super) struct SpiralArgs {
-    /// Seed of the problems.
+    /// Random seed of the problems.
     #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED)]
     pub(super) seed: u64,
 
@@ -204,19 +204,19 @@ pub(super) struct SpiralArgs {
           value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PROBLEMS)))]
     pub(super) problems: u32,
 
-    /// The result as JSON; `-` prints it on stdout, and nothing else.
+    /// The result as JSON. `-` prints it on stdout and suppresses the report.
     #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
     pub(super) json: Option<PathBuf>,
 
-    /// What each method made of each problem, as a table.
+    /// The evaluation of each method on each problem, as CSV.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) csv: Option<PathBuf>,
 
-    /// A picture.
+    /// The distributions of curvature and bending energy as an SVG picture.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) svg: Option<PathBuf>,
 
-    /// No report; errors only.
+    /// Print errors only: no report and no progress bar.
     #[arg(long)]
     pub(super) quiet: bool,
 }

@@ -4,7 +4,7 @@ use super::axes::Area;
 use super::geometry::{legend_row, sheet};
 use super::violin::{Panel, Violin};
 use super::{CONTENT, GAP, MARGIN, Mark, style};
-use crate::bench::safetlp::{Comparison, LIMIT_SETS, Measured, Method};
+use crate::bench::safetlp::{Comparison, LIMIT_SETS, Measurement, Method};
 
 /// The methods that make a stop, in the paper's order and beyond; with the colour of each.
 const SHOWN: [(Method, &str); 4] = [
@@ -51,7 +51,7 @@ fn panel(
     title: &'static str,
     id: &'static str,
     logarithmic: bool,
-    value: fn(&Measured) -> Option<f64>,
+    value: fn(&Measurement) -> Option<f64>,
 ) -> Panel {
     let violin = |(method, colour): (Method, &'static str), set: usize| Violin {
         values: comparison.group(method, Some(set)).sorted(value),

@@ -137,7 +137,7 @@ fn planning(run: &Run, settings: &Settings) -> Planning {
     run.cycles.iter().for_each(|c| edges.add(&c.edges));
     let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
     let comfortable = run.vehicle.comfort.deceleration;
-    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::PATIENCE;
+    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::MAX_CREEPING_TIME;
     Planning {
         rejections: Rejection::ALL.map(rejected).to_vec(),
         edges,

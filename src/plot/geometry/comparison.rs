@@ -2,7 +2,7 @@
 
 use super::curves::colour;
 use super::{LEGEND, legend_row, sheet};
-use crate::bench::spirals::{BOUND, Comparison, Judged, Method};
+use crate::bench::spirals::{BOUND, Comparison, Evaluation, Method};
 use crate::plot::axes::{Area, Curve, Panel};
 use crate::plot::{CONTENT, GAP, MARGIN, Mark, style};
 
@@ -73,10 +73,10 @@ fn energies(comparison: &Comparison) -> Panel {
 }
 
 /// A figure of every answer of a method, from the answer and the bending energy of the cubic spiral; sorted.
-fn values(comparison: &Comparison, method: Method, figure: fn(&Judged, f64) -> f64) -> Vec<f64> {
+fn values(comparison: &Comparison, method: Method, figure: fn(&Evaluation, f64) -> f64) -> Vec<f64> {
     let place = |m| Method::ALL.iter().position(|other| *other == m);
     let (Some(ours), Some(theirs)) = (place(method), place(Method::CubicNewton)) else { return Vec::new() };
-    let pairs = comparison.judged[ours].iter().zip(&comparison.judged[theirs]);
+    let pairs = comparison.evaluations[ours].iter().zip(&comparison.evaluations[theirs]);
     let both = pairs.filter_map(|(ours, theirs)| Some(figure(ours.as_ref()?, theirs.as_ref()?.bending_energy)));
     let mut values: Vec<f64> = both.filter(|v| v.is_finite()).collect();
     values.sort_by(f64::total_cmp);
