@@ -6,7 +6,7 @@ use super::violin::{Panel, Violin};
 use super::{CONTENT, GAP, MARGIN, Mark, style};
 use crate::bench::safetlp::{Comparison, LIMIT_SETS, Measured, Method};
 
-/// The methods with a proven stop, in the paper's order, followed by ours; each with its colour.
+/// The methods that plan a stop: the paper's, in its order, then ours; each with its colour.
 const SHOWN: [(Method, &str); 4] = [
     (Method::PlanToStop, style::MOVING),
     (Method::PlanToStopTimeless, style::REFERENCE),
