@@ -1,4 +1,4 @@
-//! Uses stopline as a library: reads a scenario, drives it, prints the verdict.
+//! stopline as a library: reads a scenario, drives it, prints the verdict.
 //!
 //! `cargo run --release --example drive -- maps/parked_car.xml`
 
@@ -16,14 +16,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut settings = Settings::default();
     settings.planner.cruise_speed = 10.0;
 
-    let problem = &scenario.problems[0]; // the reader guarantees at least one
+    let problem = &scenario.problems[0]; // the reader makes sure that there is one
     let run = drive(&scenario, problem, &vehicle, &settings, &mut |_time, _latest_end| {})?;
 
     println!("{}: {}", scenario.id, run.outcome.name());
     for check in &run.verdict.checks {
-        println!("  {} {:<20} {:.3} of {:.3} {}", check.status, check.name, check.value, check.limit, check.unit);
+        let held = check.status;
+        println!("  {held} {:<20} {:.3} of {:.3} {}", check.name, check.value, check.limit, check.unit);
     }
     let stop = run.cycles.iter().map(|c| c.committed.end_time()).next_back().unwrap_or_default();
-    println!("  the last committed plan reaches standstill at {stop:.1} s");
+    println!("  the last committed trajectory is at rest at {stop:.1} s");
     Ok(())
 }

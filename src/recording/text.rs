@@ -1,6 +1,5 @@
 //! The decisions and the verdict as text.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use rerun::{TextDocument, TextLog, TextLogLevel};
@@ -123,7 +122,9 @@ fn summary(cycle: &Cycle) -> String {
     if !cycle.candidates.is_empty() {
         let _ = write!(text, "; {} candidates", cycle.candidates.len());
     }
-    let rejected: Vec<String> = rejections(cycle).iter().map(|(reason, count)| format!("{reason} {count}")).collect();
+    let counts = Rejection::ALL.map(|reason| (reason, cycle.rejections(reason)));
+    let rejected = counts.iter().filter(|(_, count)| *count > 0).map(|(reason, count)| format!("{count} {reason}"));
+    let rejected: Vec<String> = rejected.collect();
     if !rejected.is_empty() {
         let _ = write!(text, ", rejected: {}", rejected.join(", "));
     }
@@ -139,15 +140,6 @@ pub(super) fn cost_by_terms(candidate: &Candidate) -> String {
     let terms: Vec<String> = terms.iter().map(|(name, value)| format!("{name} {value:.1}")).collect();
     let equals = if terms.is_empty() { "" } else { " = " };
     format!("{:.1}{equals}{}", candidate.cost, terms.join(" + "))
-}
-
-/// Number of rejected candidates by reason.
-fn rejections(cycle: &Cycle) -> BTreeMap<&'static str, usize> {
-    let mut counts = BTreeMap::new();
-    for reason in cycle.candidates.iter().filter_map(|c| c.rejected) {
-        *counts.entry(reason.code()).or_insert(0) += 1;
-    }
-    counts
 }
 
 /// The verdict as Markdown.
@@ -210,7 +202,8 @@ mod tests {
         // the example keeps its previous plan in one cycle out of twenty
         let expected = ["new plan on route lane 0", "keep previous plan", "new plan on route lane 0", "FAIL"];
         assert_eq!(kinds, expected);
-        for part in ["m with at most 3.5 m/s²; cost 0.0;", "no_proof 1, blocked_at_start 1, curve_speed_infeasible 1"]
+        for part in
+            ["m with at most 3.5 m/s²; cost 0.0;", "rejected: 1 curve_speed_infeasible, 1 blocked_at_start, 1 no_proof"]
         {
             assert!(lines[0].text.contains(part), "{part} in {}", lines[0].text);
         }
