@@ -104,7 +104,7 @@ fn metrics(result: &Summary) -> Vec<Vec<String>> {
 }
 
 fn number(value: f64) -> String {
-    format!("{value:.3}")
+    if value.is_nan() { "–".into() } else { format!("{value:.3}") }
 }
 
 /// Columns as wide as their widest cell; cells that are numbers stand to the right.

@@ -228,6 +228,7 @@ fn verdict() -> Verdict {
         unit,
         at_time,
         note: note.into(),
+        method: String::new(),
     };
     Verdict {
         checks: vec![
