@@ -69,7 +69,7 @@ fn noise_depends_on_its_seed_alone() {
     let [first, again, other] = [1, 1, 2].map(|seed| with_faults(&scenario, &["noise=0.1"], seed).log);
     assert_eq!(first, again);
     assert_ne!(first, other);
-    let [one, two] = [1, 2].map(|seed| with(&scenario, &[], seed).log);
+    let [one, two] = [1, 2].map(|seed| with_faults(&scenario, &[], seed).log);
     assert_eq!(one, two, "without noise the seed has no effect");
 }
 
