@@ -233,6 +233,7 @@ fn verdict() -> Verdict {
         unit,
         at_time,
         note: note.into(),
+        method: String::new(),
     };
     Verdict {
         checks: vec![

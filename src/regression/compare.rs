@@ -69,7 +69,7 @@ pub(super) fn figures(result: &Map<String, Value>) -> Figures {
         flatten("", result.get(table).unwrap_or(&Value::Null), &mut figures);
     }
     for check in result.get("checks").and_then(Value::as_array).into_iter().flatten() {
-        if let Some(name) = check["name"].as_str() {
+        if let Some(name) = check["name"].as_str().filter(|_| check["status"] != "not_applicable") {
             figures.insert(name.to_owned(), check["value"].as_f64());
         }
     }
@@ -153,7 +153,7 @@ impl Failures {
                 self.add(FailureKind::Check, message);
             }
         }
-        let names: Vec<String> = checks.iter().map(|c| name(c)).collect();
+        let names: Vec<String> = checks.iter().filter(|c| c["status"] != "not_applicable").map(|c| name(c)).collect();
         for asked in expected.checks.iter().flatten().filter(|asked| !names.contains(asked)) {
             self.missing(FailureKind::Check, "check", asked, names.iter().map(String::as_str));
         }
