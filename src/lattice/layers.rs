@@ -12,7 +12,7 @@ use crate::reference::ReferenceLine;
 
 /// Indices of stations, in multiples of [`Settings::grid`], of the layers ahead of station `here`, nearest first.
 pub(super) fn ahead(reference: &ReferenceLine, here: f64, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
-    let wanted = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
+    let wanted = (speed * settings.edge_time).clamp(settings.min_edge_length, settings.max_edge_length);
     let (stride, phase) = spacing(wanted, settings);
     let farthest = (here + horizon).min(reference.length());
     let station = |index: i64| index as f64 * settings.grid;
@@ -22,7 +22,7 @@ pub(super) fn ahead(reference: &ReferenceLine, here: f64, speed: f64, horizon: f
     let mut to = first;
     while layers.len() < settings.layers && station(to) <= farthest + ON_GRID {
         split(reference, to - stride, to, settings, &mut layers);
-        layers.retain(|index| *index >= first || station(*index) >= here + settings.shortest_edge);
+        layers.retain(|index| *index >= first || station(*index) >= here + settings.min_edge_length);
         to += stride;
     }
     layers.truncate(settings.layers);
@@ -56,7 +56,7 @@ fn ceil(steps: f64) -> i64 {
 
 /// Appends `to` and, before it, what the turning of the line asks for between `from` and `to`.
 fn split(reference: &ReferenceLine, from: i64, to: i64, settings: &Settings, layers: &mut Vec<i64>) {
-    if to - from > 1 && turning(reference, from, to, settings.grid) > settings.most_turn {
+    if to - from > 1 && turning(reference, from, to, settings.grid) > settings.max_turn {
         let middle = i64::midpoint(from, to);
         split(reference, from, middle, settings, layers);
         split(reference, middle, to, settings, layers);
@@ -115,7 +115,7 @@ mod tests {
         for i in 0..400 {
             let (here, speed) = (0.31 * f64::from(i), 0.1 * f64::from(i % 300));
             let layers = metres(&ahead(&line, here, speed, 100.0, &settings), &settings);
-            let wanted = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
+            let wanted = (speed * settings.edge_time).clamp(settings.min_edge_length, settings.max_edge_length);
             assert!(
                 (wanted - 1e-4..wanted + 10.0).contains(&(layers[0] - here)),
                 "{} at {speed} m/s",
@@ -147,7 +147,7 @@ mod tests {
         assert!(gaps.iter().filter(|(s, _)| *s < 25.0 || *s > 65.0).all(|(_, gap)| *gap == 10.0), "{gaps:?}");
         // in front of the bend the first layer is nearer than on a straight road, never nearer than the shortest edge
         let nearest = |here: f64| ahead(&line, here, 12.0, 100.0, &settings)[0] as f64 * settings.grid - here;
-        assert!(nearest(38.0) < 12.0 * settings.edge_time && nearest(38.0) >= settings.shortest_edge);
+        assert!(nearest(38.0) < 12.0 * settings.edge_time && nearest(38.0) >= settings.min_edge_length);
         assert!(nearest(2.0) >= 12.0 * settings.edge_time);
     }
 

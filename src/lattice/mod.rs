@@ -46,13 +46,13 @@ pub struct Settings {
     /// Stations of nodes are multiples of this, m.
     pub grid: f64,
     /// Shortest first edge, m.
-    pub shortest_edge: f64,
+    pub min_edge_length: f64,
     /// Time that an edge should last at the present speed, s.
     pub edge_time: f64,
     /// Longest edge, m.
-    pub longest_edge: f64,
+    pub max_edge_length: f64,
     /// Layers lie closer where the reference line turns by more than this between two of them, rad.
-    pub most_turn: f64,
+    pub max_turn: f64,
     /// Largest number of layers.
     pub layers: usize,
     /// Number of layers that edges from the root reach directly.
@@ -64,7 +64,7 @@ pub struct Settings {
     /// Headings of the nodes relative to the reference line's, rad.
     pub headings: Vec<f64>,
     /// Steepest edge: lateral by longitudinal distance.
-    pub steepest: f64,
+    pub max_slope: f64,
     /// Number of candidate paths handed to the speed layer.
     pub candidates: usize,
     /// Weights of the cost terms.
@@ -75,16 +75,16 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             grid: 5.0,
-            shortest_edge: 8.0,
+            min_edge_length: 8.0,
             edge_time: 1.6,
-            longest_edge: 40.0,
-            most_turn: 0.6,
+            max_edge_length: 40.0,
+            max_turn: 0.6,
             layers: 12,
             root_layers: 3,
             offset_spacing: 0.5,
             offset_limit: 4.0,
             headings: vec![0.0],
-            steepest: 0.35,
+            max_slope: 0.35,
             candidates: 12,
             weights: Weights::default(),
         }

@@ -89,7 +89,7 @@ impl EdgeStore {
             .iter()
             .filter(|i| layer[**i].is_none())
             .flat_map(|&i| (0..nodes.len()).map(move |j| (i, j)))
-            .filter(|&(i, j)| (nodes[i].offset - nodes[j].offset).abs() <= settings.steepest * (s1 - s0))
+            .filter(|&(i, j)| (nodes[i].offset - nodes[j].offset).abs() <= settings.max_slope * (s1 - s0))
             .collect();
         let tried: Vec<Result<Edge, NoEdge>> = pairs
             .par_iter()

@@ -152,7 +152,7 @@ impl AllChains<'_> {
                 Some(i) => {
                     let steep = (self.nodes[i].offset - self.nodes[j].offset).abs()
                         / (self.stations[to_layer] - self.stations[to_layer - 1]);
-                    if steep > settings.steepest {
+                    if steep > settings.max_slope {
                         continue;
                     }
                     let from = (self.stations[to_layer - 1], &self.nodes[i]);

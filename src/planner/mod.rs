@@ -242,7 +242,7 @@ impl<'a> Planner<'a> {
         let Some(current) = lanes.iter().find(|l| l.is_current) else { return };
         let (ahead, offset) = on(current);
         let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
-        let ends_soon = ahead < self.settings.longest_horizon && current.goes_on(self.scenario);
+        let ends_soon = ahead < self.settings.max_horizon && current.goes_on(self.scenario);
         if (changed || ends_soon)
             && let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle)
         {
@@ -280,7 +280,7 @@ impl<'a> Planner<'a> {
             deceleration: e.deceleration,
             search_share: 1.0,
             speed_factor: if e.acceleration > self.vehicle.comfort.acceleration {
-                self.settings.emergency_speed
+                self.settings.emergency_speed_factor
             } else {
                 1.0
             },
@@ -341,7 +341,7 @@ impl<'a> Planner<'a> {
     fn lattice_paths(&mut self, start: &Start, lane: usize, level: Level, counts: &mut EdgeCounts) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
-        let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
+        let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
         let world = &self.worlds[level.world];
         let roots = self.roots(start, world);
         let full_speed_curvature = self.full_speed_curvature(start, level);

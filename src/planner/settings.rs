@@ -10,9 +10,9 @@ pub struct Settings {
     /// Speed to drive at where no sign says otherwise, m/s. A faster start speed is kept.
     pub cruise_speed: f64,
     /// Shortest look-ahead, m.
-    pub shortest_horizon: f64,
+    pub min_horizon: f64,
     /// Longest look-ahead, m.
-    pub longest_horizon: f64,
+    pub max_horizon: f64,
     /// Gap kept to what blocks the way, beyond the collision margins, m.
     pub standoff: f64,
     /// Lateral acceleration that speeds on bends are planned for, as a share of the comfort limit.
@@ -24,7 +24,7 @@ pub struct Settings {
     pub emergency: Vec<EmergencyLimits>,
     /// Factor on the cruising speed where an emergency asks for more than the comfortable acceleration, to get out of
     /// somebody's way.
-    pub emergency_speed: f64,
+    pub emergency_speed_factor: f64,
     /// Lateral tracking error at which planning restarts from the measured state, m.
     pub restart_lateral: f64,
     /// Longitudinal tracking error at which planning restarts from the measured state, m.
@@ -123,8 +123,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             cruise_speed: 50.0 / 3.6,
-            shortest_horizon: 40.0,
-            longest_horizon: 300.0,
+            min_horizon: 40.0,
+            max_horizon: 300.0,
             standoff: 0.8,
             lateral_share: 0.75,
             stopping_share: 0.9,
@@ -134,7 +134,7 @@ impl Default for Settings {
                 EmergencyLimits { acceleration: 1.5, deceleration: 8.0 },
                 EmergencyLimits { acceleration: 4.0, deceleration: 8.0 },
             ],
-            emergency_speed: 1.3,
+            emergency_speed_factor: 1.3,
             restart_lateral: 0.5,
             restart_longitudinal: 1.5,
             expansions: 5_000,

@@ -21,7 +21,7 @@
 //! and the step is taken only if the new chain **checks out**: it costs less, keeps the curvature bounds in closed form,
 //! and its swept footprint is free where the original's was. So every iterate could be driven, and the worst result is
 //! the chain that went in. The same gate makes refinement idempotent: a chain that would gain less than
-//! [`RefinementSettings::least_gain`] comes back as it was, to the bit.
+//! [`RefinementSettings::min_gain`] comes back as it was, to the bit.
 //!
 //! Weak: a local method, inside a corridor of half a metre by default, which it may leave by some centimetres, because
 //! positions are linearised (what is in the way is checked without that). It passes an obstacle on the side on which the
@@ -59,12 +59,12 @@ pub struct RefinementSettings {
     /// How far the path may move to either side, m. At most a metre: less than the vehicle is wide.
     pub corridor: f64,
     /// Share of a chain's cost that a refinement must save to be kept. Smaller gains are not worth another path.
-    pub least_gain: f64,
+    pub min_gain: f64,
 }
 
 impl Default for RefinementSettings {
     fn default() -> Self {
-        Self { enabled: true, iterations: 4, corridor: 0.5, least_gain: 0.02 }
+        Self { enabled: true, iterations: 4, corridor: 0.5, min_gain: 0.02 }
     }
 }
 
@@ -123,7 +123,7 @@ pub fn refined(
     let stage = Stage::of(context, path, allowance, weights, commitment)?;
     let original = Chain::of(&stage.movable)?;
     let before = stage.measured(&original)?;
-    let worth = (settings.least_gain * before.cost).max(LEAST_GAIN);
+    let worth = (settings.min_gain * before.cost).max(LEAST_GAIN);
     if before.cost <= worth {
         return None;
     }
@@ -144,7 +144,7 @@ pub fn refined(
         };
         let gain = measured.cost - now.cost;
         (best, measured) = (next, now);
-        if gain < SETTLED * settings.least_gain * measured.cost {
+        if gain < SETTLED * settings.min_gain * measured.cost {
             break;
         }
     }

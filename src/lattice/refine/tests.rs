@@ -396,7 +396,7 @@ fn a_slow_search_finds_nothing_better_by_a_hundredth() {
     for nodes in cases {
         scene.with_context(|context| {
             let path = scene.path(context, nodes);
-            let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, least_gain: 1e-4 };
+            let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, min_gain: 1e-4 };
             let start = std::time::Instant::now();
             let none = Commitment::default();
             let better = refined(context, &path, &Allowance::NONE, FRONT, &weights, &none, &settings).unwrap();
