@@ -20,7 +20,7 @@ pub struct EdgeCounts {
     /// The spiral would bend more than the vehicle can.
     pub curvature_bound: usize,
     /// The spiral makes a long detour to meet its end conditions.
-    pub winds: usize,
+    pub detour: usize,
     /// Never checked for collision: not even a free one would have been part of a path worth returning.
     pub unchecked: usize,
     /// Ends in front of a static obstacle.
@@ -45,7 +45,7 @@ pub(super) enum NoEdge {
     OffRoad,
     NoSpiral,
     CurvatureBound,
-    Winds,
+    Detour,
 }
 
 impl EdgeCounts {
@@ -57,7 +57,7 @@ impl EdgeCounts {
             ("off_road", self.off_road),
             ("no_spiral", self.no_spiral),
             ("curvature_bound", self.curvature_bound),
-            ("winds", self.winds),
+            ("detour", self.detour),
             ("unchecked", self.unchecked),
             ("obstacle", self.obstacle),
             ("occupied_cell", self.occupied_cell),
@@ -74,7 +74,7 @@ impl EdgeCounts {
         self.off_road += other.off_road;
         self.no_spiral += other.no_spiral;
         self.curvature_bound += other.curvature_bound;
-        self.winds += other.winds;
+        self.detour += other.detour;
         self.unchecked += other.unchecked;
         self.obstacle += other.obstacle;
         self.occupied_cell += other.occupied_cell;
@@ -93,7 +93,7 @@ impl EdgeCounts {
             NoEdge::OffRoad => self.off_road += 1,
             NoEdge::NoSpiral => self.no_spiral += 1,
             NoEdge::CurvatureBound => self.curvature_bound += 1,
-            NoEdge::Winds => self.winds += 1,
+            NoEdge::Detour => self.detour += 1,
         }
     }
 

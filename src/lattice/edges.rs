@@ -228,7 +228,7 @@ fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f
     let local = Pose { position: start.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - start.yaw) };
     let spiral = connect(start_curvature, &local, end.curvature).map_err(|_| NoEdge::NoSpiral)?;
     if spiral.length > LONGEST_DETOUR * local.position.coords.norm() {
-        return Err(NoEdge::Winds);
+        return Err(NoEdge::Detour);
     }
     let bound = max_curvature.max(start_curvature.abs());
     if spiral.max_abs_curvature() > bound * (1.0 + 1e-9) { Err(NoEdge::CurvatureBound) } else { Ok(spiral) }
@@ -238,8 +238,8 @@ fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f
 fn slid(root: &Root, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral> {
     let local = Pose { position: root.pose.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - root.pose.yaw) };
     let found = connect_bounded(root.curvature, &local, end.curvature, max_curvature).ok()?;
-    let winds = found.spiral.length > LONGEST_DETOUR * local.position.coords.norm();
-    (found.method == Method::Convex && !winds).then_some(found.spiral)
+    let detour = found.spiral.length > LONGEST_DETOUR * local.position.coords.norm();
+    (found.method == Method::Convex && !detour).then_some(found.spiral)
 }
 /// Samples along an edge for the costs by offset.
 pub(super) const COST_SAMPLES: usize = SAMPLES;

@@ -81,7 +81,7 @@ fn reasons(counts: &EdgeCounts) -> EdgeCounts {
 
 fn assert_complete(counts: &EdgeCounts) {
     let c = counts;
-    let refused = c.off_road + c.no_spiral + c.curvature_bound + c.winds;
+    let refused = c.off_road + c.no_spiral + c.curvature_bound + c.detour;
     assert_eq!(c.tried, refused + c.unchecked + c.obstacle + c.occupied_cell + c.road_edge + c.free, "{c:?}");
     assert_eq!(c.obstacle, c.by_obstacle.values().sum::<usize>(), "{c:?}");
 }
@@ -343,12 +343,12 @@ fn a_lattice_without_an_edge_tells_its_reasons() {
         assert!(found.paths.is_empty());
         assert!(counts.off_road > 0, "nodes to the right of the road: {counts:?}");
         assert!(counts.curvature_bound > 10 && counts.curvature_bound == counts.tried - counts.off_road, "{counts:?}");
-        // a root that looks back winds round
+        // a root that looks back detour round
         root.pose.yaw += 2.0;
         root.start = root.pose;
         let context = LatticeContext { max_curvature: 1.0, ..context };
         let found = search(&context, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
-        assert!(found.counts.winds + found.counts.no_spiral > 10, "{:?}", found.counts);
+        assert!(found.counts.detour + found.counts.no_spiral > 10, "{:?}", found.counts);
         assert_complete(&found.counts);
     });
 }

@@ -74,9 +74,9 @@ pub struct Commitment {
     /// Distances from the start of the path (m) with the poses in force there.
     pub poses: Vec<(f64, Pose)>,
     /// Price per metre of the largest distance to the side at these.
-    pub price: f64,
+    pub weight: f64,
     /// Distance beyond which leaving costs no more, m.
-    pub most: f64,
+    pub max_distance: f64,
 }
 
 impl Commitment {
@@ -84,7 +84,7 @@ impl Commitment {
     #[must_use]
     pub fn cost(&self, path: &Path) -> f64 {
         let beside = |(ahead, pose): &(f64, Pose)| pose.to_local(path.at(*ahead).pose.position).y.abs();
-        self.price * self.poses.iter().map(beside).fold(0.0, f64::max).min(self.most)
+        self.weight * self.poses.iter().map(beside).fold(0.0, f64::max).min(self.max_distance)
     }
 }
 
@@ -278,7 +278,7 @@ impl<'a> Stage<'a> {
             bending_energy: original.bending_energy(),
             corridor,
             anchors: self.commitment.poses.iter().filter_map(anchor).collect(),
-            leaving: self.commitment.price,
+            leaving: self.commitment.weight,
         })
     }
 

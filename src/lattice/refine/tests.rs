@@ -302,7 +302,7 @@ fn the_committed_path_pulls_and_is_priced_as_the_planner_does() {
         let path = scene.path(context, &SLALOM);
         let free = refine(context, &path, &RefinementSettings::default()).unwrap();
         let poses = [5.0, 10.0, 20.0, 30.0].map(|d| (d, path.path.at(d).pose)).to_vec();
-        let commitment = Commitment { poses, price: 10.0, most: f64::INFINITY };
+        let commitment = Commitment { poses, weight: 10.0, max_distance: f64::INFINITY };
         assert!(commitment.cost(&path.path) < 1e-9);
         let (weights, settings) = (Weights::default(), RefinementSettings::default());
         let held = refined(context, &path, &Allowance::NONE, FRONT, &weights, &commitment, &settings).unwrap();
