@@ -132,7 +132,11 @@ impl Traffic {
             [] => all,
             _ => self.binding[level.world].get_or_init(|| all.without(&self.yielding)),
         };
-        if level.robust { self.reachable[level.world].get_or_init(|| binding.grown(self.now, bounds)) } else { binding }
+        if level.robust {
+            self.reachable[level.world].get_or_init(|| binding.reachable(self.now, bounds))
+        } else {
+            binding
+        }
     }
 }
 
