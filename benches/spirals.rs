@@ -80,7 +80,7 @@ fn table() {
         Outcome { solved: found.is_ok(), residual, iterations: 0, programs: 0 }
     });
     let pinned = |(start, end, curvature): &Ends| Problem::pinned(*start, *end, *curvature);
-    let soft = |ends: &Ends, weight| Problem { across: EndCondition::Soft { weight }, ..pinned(ends) };
+    let soft = |ends: &Ends, weight| Problem { lateral: EndCondition::Soft { weight }, ..pinned(ends) };
     for (how, always_convex) in [("reduced Newton", false), ("Clarabel", true)] {
         let with = |problem: Problem| Problem { always_convex, ..problem };
         row(&format!("cubic, soft lateral, no bound: {how}"), &all, |e| with(soft(e, 0.01)).cubic().into());

@@ -502,7 +502,7 @@ fn is_sound_result(result: &Value, format: &str) {
     let rejected: u64 = rejections.values().map(|n| n.as_u64().unwrap()).sum();
     assert!(rejected <= result["planning"]["candidates"].as_u64().unwrap());
     let edges = result["planning"]["edges"].as_object().unwrap();
-    for key in ["tried", "off_road", "no_spiral", "curvature_bound", "winds", "obstacle", "road_edge", "free"] {
+    for key in ["tried", "off_road", "no_spiral", "curvature_bound", "detour", "obstacle", "road_edge", "free"] {
         assert!(edges[key].is_u64(), "planning.edges.{key}");
     }
     for key in ["median", "p99", "max"] {

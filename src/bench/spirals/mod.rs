@@ -134,9 +134,9 @@ impl Method {
                 Some(Answer { curve: Curve::Cubic(found.spiral), slide: found.end_error })
             }
             Self::CubicSoft => {
-                let across = EndCondition::Soft { weight: SOFT };
-                let found = Problem { across, always_convex: true, ..Problem::pinned(start, *end, last) }.cubic();
-                let answer = Answer { curve: Curve::Cubic(found.spiral), slide: found.deviation.across };
+                let lateral = EndCondition::Soft { weight: SOFT };
+                let found = Problem { lateral, always_convex: true, ..Problem::pinned(start, *end, last) }.cubic();
+                let answer = Answer { curve: Curve::Cubic(found.spiral), slide: found.deviation.lateral };
                 found.status.is_solved().then_some(answer)
             }
             Self::QuinticSpiral => {

@@ -105,7 +105,7 @@ impl<'a> LatticeScene<'a> {
 
     fn edge(&self, from: &PathPoint, to: &PathPoint) -> Option<Edge> {
         let end = Pose { position: from.pose.to_local(to.pose.position), yaw: wrap_angle(to.pose.yaw - from.pose.yaw) };
-        if end.position.y.abs() > self.settings.steepest * end.position.x {
+        if end.position.y.abs() > self.settings.max_slope * end.position.x {
             return None;
         }
         let spiral = connect(from.curvature, &end, to.curvature).ok()?;
