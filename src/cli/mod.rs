@@ -40,6 +40,8 @@ pub enum Exit {
     BadFile = 3,
     /// The program's own fault.
     OwnFault = 4,
+    /// Ctrl-C interrupted `check`: 128 + SIGINT, as shells report it.
+    Interrupted = 130,
 }
 
 impl From<Exit> for ExitCode {
