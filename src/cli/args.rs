@@ -16,7 +16,8 @@ const EXIT_CODES: &str = "Exit codes:
   1  the run ended and a check failed, or no safe plan exists
   2  wrong use of the command line
   3  an input is unreadable or invalid, or an output cannot be written
-  4  a fault of the program itself";
+  4  a fault of the program itself
+  130  `check` was interrupted by Ctrl-C";
 
 /// Problems of a comparison.
 const DEFAULT_PROBLEMS: u32 = 2000;
@@ -76,56 +77,64 @@ pub(super) struct CheckArgs {
     #[arg(required = true, value_name = "SUITE")]
     pub(super) suites: Vec<PathBuf>,
 
-    /// Drives side by side; as many as there are cores if not given. The reports do not depend on it.
+    /// Number of parallel drives; the number of cores if not given. The reports do not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
     pub(super) jobs: Option<u16>,
 
-    /// Only part I of N: every Nth drive, beginning with the Ith.
+    /// Run only part I of N: every Nth drive, beginning with the Ith.
     #[arg(long, value_name = "I/N")]
     pub(super) shard: Option<Shard>,
 
-    /// Keeps what is finished in this file, and goes on from there after an interruption.
+    /// Store finished drives in this file. After an interruption the same command continues from there.
+    ///
+    /// Ctrl-C finishes the running drives, prints the results so far and the command to continue, and ends with exit code
+    /// 130. A second Ctrl-C stops at once.
     #[arg(long, value_name = "STATE")]
     pub(super) resume: Option<PathBuf>,
 
-    /// Keep what is found as the new baseline.
+    /// Update the baseline: store the metrics of this run in it.
     #[arg(long)]
+    pub(super) update_baseline: bool,
+
+    /// The old name of `--update-baseline`, which is refused.
+    #[arg(long, hide = true)]
     pub(super) bless: bool,
 
-    /// Drive only this one again, and tell it as `drive` does.
-    #[arg(long, value_name = "ID", conflicts_with_all = ["shard", "resume", "bless", "json", "junit", "markdown", "html"],
+    /// Replay only this drive and print its report as `drive` does.
+    #[arg(long, value_name = "ID",
+          conflicts_with_all = ["shard", "resume", "update_baseline", "json", "junit", "markdown", "html"],
           help_heading = "Replay")]
     pub(super) replay: Option<String>,
 
-    /// With the settings that a JSON report has for it, and compare the hash with the report's.
+    /// Take the settings of the drive from a JSON report, and compare the hash with that of the report.
     #[arg(long, value_name = "FILE.json", requires = "replay", help_heading = "Replay")]
     pub(super) report: Option<PathBuf>,
 
-    /// Save its settings for `drive --config`, and tell the command.
+    /// Save the settings of the drive for `drive --config`, and print the command.
     #[arg(long, value_name = "FILE.toml", requires = "replay", help_heading = "Replay")]
     pub(super) save_config: Option<PathBuf>,
 
-    /// A picture of it.
+    /// Draw the drive as an SVG picture.
     #[arg(long, value_name = "PATH", requires = "replay", help_heading = "Replay")]
     pub(super) svg: Option<PathBuf>,
 
-    /// Everything as JSON; `-` prints it on stdout, and nothing else.
+    /// Write the complete report as JSON; `-` prints it to stdout, and nothing else.
     #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
     pub(super) json: Option<PathBuf>,
 
-    /// JUnit XML.
+    /// Write the report as JUnit XML.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) junit: Option<PathBuf>,
 
-    /// A summary in Markdown.
+    /// Write a summary as Markdown.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) markdown: Option<PathBuf>,
 
-    /// A page with pictures of what failed.
+    /// Write a page with pictures of failed drives.
     #[arg(long, value_name = "PATH", help_heading = "Outputs")]
     pub(super) html: Option<PathBuf>,
 
-    /// No report and no progress bar; errors only.
+    /// Print only failed drives, one line each, and errors.
     #[arg(long)]
     pub(super) quiet: bool,
 }

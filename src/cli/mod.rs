@@ -42,6 +42,8 @@ pub enum Exit {
     BadFile = 3,
     /// A fault of the program itself.
     OwnFault = 4,
+    /// Ctrl-C interrupted `check`: 128 + SIGINT, as shells report it.
+    Interrupted = 130,
 }
 
 impl From<Exit> for ExitCode {
