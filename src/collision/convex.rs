@@ -127,7 +127,7 @@ impl Convex {
         !beyond_an_edge(&self.points, hull, self.radius) && self.reaches_into(hull)
     }
 
-    /// Whether it shares a point with the convex polygon, given that none of its own edges separates them.
+    /// Whether it shares a point with the convex polygon, given that none of the body's edges separates them.
     fn reaches_into(&self, hull: &[Local]) -> bool {
         if beyond_an_edge(hull, &self.points, self.radius) {
             return false;

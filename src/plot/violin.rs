@@ -16,7 +16,7 @@ pub(super) struct Panel {
     pub(super) id: &'static str,
     /// Whether the scale is logarithmic.
     pub(super) logarithmic: bool,
-    /// Groups from left to right with their labels, each with violins side by side.
+    /// Groups from left to right with their labels, each with one or more violins.
     pub(super) groups: Vec<(String, Vec<Violin>)>,
     /// Label of the groups, below them.
     pub(super) axis: &'static str,

@@ -46,7 +46,7 @@ pub(super) struct Chain {
     pub(super) lengths: Vec<f64>,
 }
 
-/// A point of a chain with its sensitivities. Derivatives are by the variables of its own piece; the preceding pieces move
+/// A point of a chain with its sensitivities. Derivatives are by the variables of the piece that it lies on; the preceding pieces move
 /// the start of the piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
