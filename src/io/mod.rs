@@ -8,6 +8,7 @@ pub mod commonroad;
 pub mod csv;
 pub mod files;
 pub mod kind;
+mod renamed_keys;
 pub mod ros_map;
 pub mod settings_file;
 pub mod solution;

@@ -22,6 +22,7 @@ use image::{GenericImageView as _, ImageReader, Limits};
 use serde_saphyr::Spanned;
 
 use super::files::{self, InputError};
+use super::text;
 use crate::geometry::Pose;
 use crate::map::{Cell, OccupancyGrid};
 
@@ -147,20 +148,14 @@ impl Meaning {
 /// # Errors
 /// [`ReadError`]: a file cannot be read, or something in it is not what it has to be.
 pub fn read_file(path: &Path) -> Result<OccupancyGrid, ReadError> {
-    let name = path.display().to_string();
-    let text = String::from_utf8(files::read(path, MAX_YAML)?).map_err(|e| ReadError::NotAMap {
-        file: name.clone(),
-        line: 0,
-        message: format!("not UTF-8 text: {e}"),
-    })?;
-    read(&name, &text, |image| files::read(&beside(path, image), MAX_IMAGE))
+    let yaml = text::read(path, MAX_YAML)?;
+    read(&path.display().to_string(), &yaml, |image| files::read(&beside(path, image), MAX_IMAGE))
 }
 
 /// The image that a grid's YAML file names, if it can be read that far: it is an input like the file itself.
 #[must_use]
 pub fn image_of(path: &Path) -> Option<PathBuf> {
-    let yaml = files::read(path, MAX_YAML).ok()?;
-    let header: Header = serde_saphyr::from_str(std::str::from_utf8(&yaml).ok()?).ok()?;
+    let header: Header = serde_saphyr::from_str(&text::read(path, MAX_YAML).ok()?).ok()?;
     Some(beside(path, &header.image.value))
 }
 

@@ -1,13 +1,14 @@
-//! TOML files that people write: settings, suites.
+//! Reads TOML files written by hand: settings and suites.
 //!
-//! An error names the file, the line and the key, and says what was likely meant where a name is nearly right. What is
-//! near is told by the Levenshtein distance: fewest letters put in, taken out or changed.
+//! An error names the file, the line and the key. A misspelt key or value gets the known name nearest to it by edit
+//! distance (insertions, deletions, substitutions, and swaps of adjacent letters); a renamed key gets its new name.
 
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
-use super::files::{self, InputError};
+use super::files::InputError;
+use super::{renamed_keys, text};
 
 /// Largest file, bytes: far more than anybody writes by hand.
 const MAX_BYTES: u64 = 1 << 20;
@@ -16,105 +17,99 @@ const MAX_BYTES: u64 = 1 << 20;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TomlError {
-    /// Not a file that can be read.
+    /// The file cannot be read, or is not text.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Not UTF-8.
-    #[error("{}: not UTF-8 text: {source}", path.display())]
-    NotText {
-        /// The file.
-        path: PathBuf,
-        /// Where.
-        source: std::str::Utf8Error,
-    },
-    /// Not TOML, or not what is expected there.
+    /// Not TOML, or an unexpected key or value.
     #[error("{}: {message}", path.display())]
     Wrong {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with the line.
+        /// The reason, with the line.
         message: String,
     },
 }
 
-/// Reads a file as text.
+/// Reads the text of a file.
 ///
 /// # Errors
-/// It is not there, too large, or not UTF-8.
+/// The file cannot be read, is too large, or is not text.
 pub fn text(path: &Path) -> Result<String, TomlError> {
-    let bytes = files::read(path, MAX_BYTES)?;
-    match std::str::from_utf8(&bytes) {
-        Ok(text) => Ok(text.to_owned()),
-        Err(source) => Err(TomlError::NotText { path: path.to_owned(), source }),
-    }
+    Ok(text::read(path, MAX_BYTES)?)
 }
 
-/// Understands text as TOML; `path` stands for it in messages.
+/// Parses TOML; `path` stands for the file in messages.
 ///
 /// # Errors
-/// It is not TOML, or has keys or values that are not expected.
+/// The text is not TOML, or has an unexpected key or value.
 pub fn parse<T: DeserializeOwned>(path: &Path, text: &str) -> Result<T, TomlError> {
-    toml::from_str(text).map_err(|e| TomlError::Wrong { path: path.to_owned(), message: with_suggestion(&e) })
+    toml::from_str(text).map_err(|e| {
+        let renamed = if e.message().starts_with(UNKNOWN_KEY) { renamed_keys::messages(text) } else { Vec::new() };
+        let message = if renamed.is_empty() { with_suggestion(&e) } else { renamed.join("\n") };
+        TomlError::Wrong { path: path.to_owned(), message }
+    })
 }
 
-/// A message of serde about an unknown name, with the known name that it is nearly.
+/// How serde's message about an unknown key begins: "unknown field `a`, expected one of `b`, `c`".
+const UNKNOWN_KEY: &str = "unknown field ";
+/// The same for an unknown value of an enumeration.
+const UNKNOWN_VALUE: &str = "unknown variant ";
+
+/// The message of a serde error. For an unknown name, it ends with the new name or with the nearest known name.
 pub(crate) fn with_suggestion(error: &dyn std::fmt::Display) -> String {
     let message = error.to_string().trim_end().to_owned();
+    if let Some(renamed) = renamed(&message) {
+        return renamed;
+    }
     match meant(&message) {
         Some(name) => format!("{message}\ndid you mean `{name}`?"),
         None => message,
     }
 }
 
-/// The name meant in a message of serde: "unknown field `a`, expected one of `b`, `c`".
+/// For an error without line, which names the table of an unknown key: "unknown field `a`, …\nin `b.c`".
+fn renamed(message: &str) -> Option<String> {
+    let (key, table) = message.strip_prefix(UNKNOWN_KEY)?.split_once("\nin `")?;
+    renamed_keys::message(&format!("{}.{}", table.strip_suffix('`')?, key.split('`').nth(1)?))
+}
+
+/// The known name nearest to the unknown one in a message of serde.
 fn meant(message: &str) -> Option<&str> {
-    let told = ["unknown field ", "unknown variant "].iter().find_map(|start| message.split_once(start))?.1;
-    let mut names = told.lines().next()?.split('`').skip(1).step_by(2);
+    let names = [UNKNOWN_KEY, UNKNOWN_VALUE].iter().find_map(|start| message.split_once(start))?.1;
+    let mut names = names.lines().next()?.split('`').skip(1).step_by(2);
     let wrong = names.next()?;
     nearest(wrong, names)
 }
 
-/// The known name that a wrong one is nearly: at most a third of its letters are wrong, or two.
+/// The known name nearest to a misspelt one, without regard to case and to `-` for `_`: at most a third of its letters
+/// differ, or two. Otherwise the only known name that it is the beginning of.
 pub(crate) fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let most = (wrong.chars().count() / 3).max(2);
-    let near = known.into_iter().map(|name| (distance(wrong, name), name)).min_by_key(|(distance, _)| *distance)?;
-    (near.0 <= most).then_some(near.1)
-}
-
-/// Levenshtein distance, row by row.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = i;
-        let mut left = i + 1;
-        for (cell, y) in row.iter_mut().skip(1).zip(&b) {
-            let changed = diagonal + usize::from(x != *y);
-            diagonal = *cell;
-            left = changed.min(left + 1).min(*cell + 1);
-            *cell = left;
-        }
-        row[0] = i + 1;
+    /// Fewest letters that count as a beginning.
+    const BEGINNING: usize = 3;
+    let normal = |name: &str| name.to_lowercase().replace(['-', ' '], "_");
+    let wrong = normal(wrong);
+    let letters = wrong.chars().count();
+    let distances: Vec<(usize, &str)> =
+        known.into_iter().map(|name| (strsim::osa_distance(&wrong, &normal(name)), name)).collect();
+    let (distance, name) = *distances.iter().min_by_key(|(distance, _)| *distance)?;
+    if distance <= (letters / 3).max(2) {
+        return Some(name);
     }
-    row.last().copied().unwrap_or_default()
+    let mut longer = distances.iter().map(|(_, name)| *name).filter(|name| normal(name).starts_with(&wrong));
+    let only = longer.next().filter(|_| letters >= BEGINNING);
+    if longer.next().is_none() { only } else { None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn distance_is_that_of_textbooks_and_symmetric() {
-        for (a, b, is) in
-            [("kitten", "sitting", 3), ("", "abc", 3), ("abc", "abc", 0), ("flaw", "lawn", 2), ("é", "e", 1)]
-        {
-            assert_eq!((distance(a, b), distance(b, a)), (is, is), "{a} {b}");
-        }
+    fn read(text: &str) -> String {
+        parse::<crate::drive::Settings>(Path::new("a.toml"), text).unwrap_err().to_string()
     }
 
     #[test]
-    fn a_name_that_is_nearly_right_is_suggested_and_a_strange_one_is_not() {
-        let read = |text: &str| parse::<crate::drive::Settings>(Path::new("a.toml"), text).unwrap_err().to_string();
+    fn suggests_the_name_nearest_to_a_misspelt_one() {
         let near = read("[planner]\ncruise_sped = 3.0");
         assert!(near.starts_with("a.toml: ") && near.contains("line 2"), "{near}");
         assert!(near.ends_with("did you mean `cruise_speed`?"), "{near}");
@@ -122,5 +117,41 @@ mod tests {
         assert!(read("[planner.uncertainty]\nmode = \"of\"").ends_with("did you mean `off`?"));
         let strange = read("[planner]\nsomething_else = 3.0");
         assert!(!strange.contains("did you mean"), "{strange}");
+    }
+
+    #[test]
+    fn compares_names_by_edits_case_and_beginning() {
+        let known = ["bmw_320i", "ford_escort", "truck", "truck_long"];
+        for (wrong, meant) in [
+            ("turck", Some("truck")),
+            ("BMW-320i", Some("bmw_320i")),
+            ("bmw", Some("bmw_320i")),
+            ("truck_lnog", Some("truck_long")),
+            ("for", Some("ford_escort")),
+            ("fo", None),
+            ("bicycle", None),
+            ("", None),
+        ] {
+            assert_eq!(nearest(wrong, known), meant, "{wrong}");
+        }
+        assert_eq!(nearest("trailer", ["trailer_short", "trailer_long"]), None, "two names begin with it");
+        assert_eq!(nearest("x", []), None);
+    }
+
+    #[test]
+    fn an_old_key_is_refused_with_its_new_name() {
+        assert_eq!(
+            read("[planner]\nuncertainty.along = 1.0\n[run]\nrest = 2\n"),
+            "a.toml: line 2: `planner.uncertainty.along` is now `planner.uncertainty.longitudinal`\n\
+             line 4: `run.rest` is now `run.standstill_time`"
+        );
+        let table: toml::Table = toml::from_str("planner.lattice.weights.bending = 1.0").unwrap();
+        let error = <crate::drive::Settings as serde::Deserialize>::deserialize(table).unwrap_err();
+        assert_eq!(
+            with_suggestion(&error),
+            "`planner.lattice.weights.bending` is now `planner.lattice.weights.curvature`"
+        );
+        let both = read("[planner]\ncruise_speed = \"fast\"\nuncertainty.along = 1.0\n");
+        assert!(both.contains("expected f64"), "an error of another kind comes first: {both}");
     }
 }

@@ -1,12 +1,13 @@
-//! `dynamics.toml`: tyres, actuators, limits and comfort. Unknown keys are refused, every key is required.
+//! Reads `dynamics.toml`: tyres, actuators, limits and comfort. Every key is required; an unknown key is an error.
 
 use std::path::Path;
 
 use serde::Deserialize;
 
 use super::{Actuators, Comfort, Limits, Tyres, VehicleError};
+use crate::io::settings_file::with_suggestion;
 
-/// What the file says, checked.
+/// Content of the file, checked.
 #[derive(Debug)]
 pub(super) struct Dynamics {
     pub(super) commonroad_type: Option<u8>,
@@ -72,7 +73,7 @@ struct ComfortTable {
 }
 
 impl Dynamics {
-    /// The limits, completed by those of the steering joints.
+    /// The limits, with those of the steering joints.
     pub(super) fn limits(&self, steering: f64, steering_rate: f64) -> Limits {
         let LimitsTable { steering_acceleration, speed, acceleration, switching_speed, deceleration } = self.limits;
         Limits { steering, steering_rate, steering_acceleration, speed, acceleration, switching_speed, deceleration }
@@ -81,8 +82,8 @@ impl Dynamics {
 
 /// Reads and checks the file's text.
 pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
-    let File { commonroad_type, limits, tyres, actuators, comfort } = toml::from_str(text)
-        .map_err(|e| VehicleError::Toml { file: file.to_owned(), message: e.to_string().trim_end().to_owned() })?;
+    let File { commonroad_type, limits, tyres, actuators, comfort } =
+        toml::from_str(text).map_err(|e| VehicleError::Toml { file: file.to_owned(), message: with_suggestion(&e) })?;
     let check = |element: &str, value: f64, ok: bool, expected| {
         if ok && value.is_finite() {
             return Ok(());
@@ -116,7 +117,7 @@ pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
         check(element, value, value > 0.0, "a positive finite number")?;
     }
     for (element, value) in [("tyres.rolling_resistance", tyres.rolling_resistance), ("tyres.drag", tyres.drag)] {
-        check(element, value, value >= 0.0, "a finite number, not negative")?;
+        check(element, value, value >= 0.0, "a finite number of at least 0")?;
     }
     for (element, value) in [
         ("actuators.drive_front_share", actuators.drive_front_share),
@@ -129,7 +130,7 @@ pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
         "comfort.aggressive_deceleration",
         aggressive,
         aggressive >= comfort.deceleration,
-        "a finite number, not below comfort.deceleration",
+        "a finite number of at least comfort.deceleration",
     )?;
     Ok(Dynamics { commonroad_type, limits, tyres, actuators, comfort })
 }

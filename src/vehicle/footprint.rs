@@ -1,27 +1,26 @@
-//! What the vehicle covers on the ground: convex polygons in the rear-axle frame.
+//! Footprint: the area that the vehicle covers on the ground, as convex polygons in the rear-axle frame.
 //!
 //! # Technique
-//! Each part is the convex hull of its points (Andrew's monotone chain). The parts together are the footprint: between
-//! them there is room, as between the cab and the box of a truck where the cab is narrower. A part within another one
-//! is dropped (a cabin above the body it stands on covers nothing more). Parts with more than [`MOST_CORNERS`] corners
-//! are made simpler outwards: an edge is taken away and its neighbours extended until they meet, the one that adds least
-//! area first, so that the result always contains the part.
+//! Each part is the convex hull of its points (Andrew's monotone chain). The union of the parts is the footprint, so it
+//! need not be convex: beside a truck's narrow cab there is free space. A part inside another one is dropped, such as a
+//! cabin above a body. A part with more than [`MOST_CORNERS`] corners is simplified outwards: an edge is removed and its
+//! neighbours are extended to their intersection, the edge that adds the least area first. The result contains the part.
 //!
-//! # Weakness
-//! The footprint is rigid and flat: heights are not looked at, and what turns or swings on the vehicle (steered wheels,
-//! a trailer on its hitch) is not in it.
+//! # Limits
+//! The footprint is rigid and flat. It has no heights, and no steered wheels or trailers.
 
 use crate::geometry::{Point, cross};
 
-/// Corners of a part at most: collision checks cost in proportion to them, and 16 stay within 2 % of a circle's radius.
+/// Most corners of a part. The cost of a collision check is proportional to it; 16 corners are within 2 % of a circle's
+/// radius.
 pub const MOST_CORNERS: usize = 16;
-/// Parts at most: a footprint of more is a drawing, not an outline.
+/// Most parts of a footprint.
 pub const MOST_PARTS: usize = 32;
-/// Largest distance of a corner from the rear axle, m: no road vehicle is longer, but meshes in millimetres are.
+/// Largest distance of a corner from the rear axle, m. No road vehicle is longer; a mesh in millimetres is.
 pub const LARGEST_REACH: f64 = 50.0;
-/// Smallest area of a part, m²: less is a line.
+/// Smallest area of a part, m²; a smaller part is a line.
 const SMALLEST_AREA: f64 = 1e-6;
-/// Corners nearer than this are the same when footprints are compared, m: far below what a collision check resolves.
+/// Distance below which corners are equal, m: far below the resolution of a collision check.
 const SAME: f64 = 1e-9;
 
 /// One or more convex polygons that move with the vehicle.
@@ -33,14 +32,14 @@ pub struct Footprint {
     rear_axle_to_centre: f64,
 }
 
-/// Why points make no footprint.
+/// Why points do not form a footprint.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FootprintError {
     /// There is no part.
     #[error("no parts")]
     Empty,
     /// More parts than [`MOST_PARTS`].
-    #[error("{count} parts, {MOST_PARTS} at most are understood")]
+    #[error("{count} parts, more than {MOST_PARTS}")]
     TooMany {
         /// Number of parts.
         count: usize,
@@ -51,7 +50,7 @@ pub enum FootprintError {
         /// Index of the part.
         part: usize,
     },
-    /// No area: all points of the part lie on a line.
+    /// A part without area: all its points are on a line.
     #[error("no area")]
     Flat {
         /// Index of the part.
@@ -68,7 +67,7 @@ pub enum FootprintError {
 }
 
 impl FootprintError {
-    /// Index of the part that is wrong, if it is one.
+    /// Index of the invalid part; `None` if the error concerns the number of parts.
     #[must_use]
     pub fn part(&self) -> Option<usize> {
         match self {
@@ -79,17 +78,17 @@ impl FootprintError {
 }
 
 impl Footprint {
-    /// One rectangle (m), its middle `rear_axle_to_centre` metres before the rear axle. Nothing is checked.
+    /// A rectangle (m) whose middle is `rear_axle_to_centre` in front of the rear axle. The sizes are not checked.
     #[must_use]
     pub fn rectangle(length: f64, width: f64, rear_axle_to_centre: f64) -> Self {
         let corners = rectangle_corners(length, width, rear_axle_to_centre);
         Self { parts: vec![corners.to_vec()], length, width, rear_axle_to_centre }
     }
 
-    /// The convex hulls of the given sets of points (m, rear-axle frame), in their order, those within others left out.
+    /// The convex hulls of sets of points (m, rear-axle frame), in their order, without those inside another one.
     ///
     /// # Errors
-    /// No parts or too many, a number that is not finite, a part without area or too far away.
+    /// No parts or too many; a part with a number that is not finite, without area, or too far from the rear axle.
     pub fn new(parts: Vec<Vec<Point>>) -> Result<Self, FootprintError> {
         match parts.len() {
             0 => return Err(FootprintError::Empty),
@@ -122,7 +121,7 @@ impl Footprint {
         self.length
     }
 
-    /// Width of the bounding rectangle, m: twice the distance of the outermost corner from the vehicle's middle line.
+    /// Width of the bounding rectangle, m: twice the largest distance of a corner from the vehicle's longitudinal axis.
     #[must_use]
     pub fn width(&self) -> f64 {
         self.width
@@ -134,25 +133,25 @@ impl Footprint {
         self.rear_axle_to_centre
     }
 
-    /// The rectangle around all parts, as wide to the left as to the right: corners counter-clockwise from rear right, in
-    /// the rear-axle frame, m.
+    /// The bounding rectangle, symmetric about the longitudinal axis: corners counter-clockwise from rear right, in the
+    /// rear-axle frame, m.
     #[must_use]
     pub fn bounding_rectangle(&self) -> [Point; 4] {
         rectangle_corners(self.length, self.width, self.rear_axle_to_centre)
     }
 
-    /// Whether the bounding rectangle is the footprint, not just around it.
+    /// Whether the footprint is its bounding rectangle.
     #[must_use]
     pub fn is_rectangle(&self) -> bool {
         let rectangle = self.bounding_rectangle();
-        let is_it = |part: &[Point]| {
+        let is_equal = |part: &[Point]| {
             part.len() == 4
                 && part.iter().zip(&rectangle).all(|(a, b)| (a.x - b.x).abs() < SAME && (a.y - b.y).abs() < SAME)
         };
-        matches!(self.parts.as_slice(), [part] if is_it(part))
+        matches!(self.parts.as_slice(), [part] if is_equal(part))
     }
 
-    /// Distance of the outermost corner from the rear axle, m.
+    /// Largest distance of a corner from the rear axle, m.
     #[must_use]
     pub fn reach(&self) -> f64 {
         self.parts.iter().flatten().fold(0.0, |r: f64, p| r.max(p.coords.norm()))
@@ -165,12 +164,12 @@ fn rectangle_corners(length: f64, width: f64, rear_axle_to_centre: f64) -> [Poin
     [Point::new(rear, -half), Point::new(front, -half), Point::new(front, half), Point::new(rear, half)]
 }
 
-/// Rounded to a picometre: the sizes of a single box come back as they were written, not as a difference of corners.
+/// Rounds to a picometre, so that a single box has exactly its written sizes and not a difference of corners.
 fn as_written(length: f64) -> f64 {
     (length * 1e12).round() / 1e12
 }
 
-/// The hull of a part's points, checked and not too detailed.
+/// The hull of a part's points, checked and simplified.
 fn part_of(part: usize, points: Vec<Point>) -> Result<Vec<Point>, FootprintError> {
     if !points.iter().all(|p| p.x.is_finite() && p.y.is_finite()) {
         return Err(FootprintError::NotFinite { part });
@@ -183,10 +182,10 @@ fn part_of(part: usize, points: Vec<Point>) -> Result<Vec<Point>, FootprintError
     if hull.len() < 3 || area(&hull) < SMALLEST_AREA {
         return Err(FootprintError::Flat { part });
     }
-    Ok(simpler(hull))
+    Ok(simplified(hull))
 }
 
-/// Convex hull, counter-clockwise from the lowest x, by Andrew's monotone chain. Collinear points leave two.
+/// Convex hull, counter-clockwise from the lowest x, by Andrew's monotone chain. Two corners if all points are collinear.
 fn convex_hull(mut points: Vec<Point>) -> Vec<Point> {
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();
@@ -214,9 +213,9 @@ fn area(polygon: &[Point]) -> f64 {
     polygon.windows(2).map(|w| 0.5 * cross(w[0] - first, w[1] - first)).sum()
 }
 
-/// A convex polygon around a convex polygon (counter-clockwise), with [`MOST_CORNERS`] corners at most.
-fn simpler(mut polygon: Vec<Point>) -> Vec<Point> {
-    /// More corners than this are first circumscribed by as many equal angles: 0.008 % of the radius.
+/// A convex polygon that contains a convex polygon (counter-clockwise) and has at most [`MOST_CORNERS`] corners.
+fn simplified(mut polygon: Vec<Point>) -> Vec<Point> {
+    /// A polygon with more corners is first replaced by tangents at this many equal angles: 0.008 % of the radius larger.
     const MANY: usize = 256;
     if polygon.len() > MANY {
         polygon = circumscribed(&polygon, MANY);
@@ -224,30 +223,31 @@ fn simpler(mut polygon: Vec<Point>) -> Vec<Point> {
     while polygon.len() > MOST_CORNERS {
         let n = polygon.len();
         let at = |i: usize| polygon[i % n];
-        // taking away the edge from corner i to the next one
+        // without the edge from corner i to the next one
         let best = (0..n)
             .filter_map(|i| {
                 let (a, b, c, d) = (at(i + n - 1), at(i), at(i + 1), at(i + 2));
-                let meet = meeting(a, b - a, c, d - c)?;
-                Some((i, meet, cross(meet - b, c - b).abs()))
+                let corner = intersection(a, b - a, c, d - c)?;
+                Some((i, corner, cross(corner - b, c - b).abs()))
             })
             .min_by(|(_, _, a), (_, _, b)| a.total_cmp(b));
-        // with more than four corners some neighbours turn by less than half a circle together
-        let Some((i, meet, _)) = best else { break };
-        polygon[i] = meet;
+        // with more than four corners, the neighbours of some edge turn by less than half a circle in total
+        let Some((i, corner, _)) = best else { break };
+        polygon[i] = corner;
         polygon.remove((i + 1) % n);
     }
     polygon
 }
 
-/// Where the ray from `b = a + along` on meets the line through `c`; `None` when it never does ahead.
-fn meeting(a: Point, along: crate::geometry::Vector, c: Point, other: crate::geometry::Vector) -> Option<Point> {
-    let turn = cross(along, other);
-    let far = cross(c - a, other) / turn;
-    (turn > 0.0 && far.is_finite() && far >= 1.0).then(|| a + along * far)
+/// Intersection of the ray that extends the edge from `a` to `a + edge` with the line through `c` in direction `other`.
+/// `None` if there is none in front.
+fn intersection(a: Point, edge: crate::geometry::Vector, c: Point, other: crate::geometry::Vector) -> Option<Point> {
+    let turn = cross(edge, other);
+    let ratio = cross(c - a, other) / turn;
+    (turn > 0.0 && ratio.is_finite() && ratio >= 1.0).then(|| a + edge * ratio)
 }
 
-/// The polygon of `n` tangents at equal angles around points.
+/// The polygon of `n` tangents to the points at equal angles.
 fn circumscribed(points: &[Point], n: usize) -> Vec<Point> {
     let tangent = |i: usize| {
         let (sin, cos) = (std::f64::consts::TAU * i as f64 / n as f64).sin_cos();
@@ -261,20 +261,20 @@ fn circumscribed(points: &[Point], n: usize) -> Vec<Point> {
         let turn = cross(a, b);
         Point::new((p * b.y - q * a.y) / turn, (q * a.x - p * b.x) / turn)
     });
-    // a tangent that only touches a corner has no length, but for rounding: the hull tidies up
+    // a tangent that touches one corner has no length except for rounding: the hull removes it
     convex_hull(corners.collect())
 }
 
-/// The parts that lie in no other one; of equal ones the first.
+/// The parts that are not inside another one; of equal parts the first.
 fn without_contained(parts: &[Vec<Point>]) -> Vec<Vec<Point>> {
     let within = |inner: &[Point], outer: &[Point]| inner.iter().all(|p| depth(outer, *p) >= -SAME);
-    let stays = |i: usize| {
+    let is_kept = |i: usize| {
         !(0..parts.len()).any(|j| {
-            let is_in = j != i && within(&parts[i], &parts[j]);
-            is_in && (j < i || !within(&parts[j], &parts[i]))
+            let is_inside = j != i && within(&parts[i], &parts[j]);
+            is_inside && (j < i || !within(&parts[j], &parts[i]))
         })
     };
-    (0..parts.len()).filter(|i| stays(*i)).map(|i| parts[i].clone()).collect()
+    (0..parts.len()).filter(|i| is_kept(*i)).map(|i| parts[i].clone()).collect()
 }
 
 /// Depth of a point in a convex counter-clockwise polygon, m; negative outside.
@@ -283,8 +283,8 @@ fn depth(polygon: &[Point], p: Point) -> f64 {
     edges.map(|(a, b)| cross(b - a, p - a) / (b - a).norm()).fold(f64::INFINITY, f64::min)
 }
 
-/// The corners of a regular polygon around a disc, its first and every fourth side parallel to the axes: as wide and as
-/// long as the disc, at its corners 2 % larger than the radius (1/cos(π/16)).
+/// The corners of a regular polygon around a disc, with sides parallel to the axes: as wide and as long as the disc, its
+/// corners 2 % beyond the radius (1/cos(π/16)).
 pub(super) fn around_disc(centre: Point, radius: f64) -> [Point; MOST_CORNERS] {
     let half_step = std::f64::consts::PI / MOST_CORNERS as f64;
     std::array::from_fn(|i| {
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sizes_of_one_box_come_back_as_written() {
+    fn one_box_keeps_its_exact_sizes() {
         let (length, width, centre) = (4.508, 1.61, 1.422_717_093_6);
         let given = Footprint::rectangle(length, width, centre);
         let read = Footprint::new(vec![rectangle_corners(length, width, centre).to_vec()]).unwrap();
@@ -319,19 +319,19 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_other_kinds_are_no_rectangle_but_have_one_around_them() {
+    fn a_footprint_of_another_shape_has_a_bounding_rectangle() {
         let narrow_and_wide = vec![boxed((2.0, 4.0), (-1.0, 1.0)), boxed((-1.0, 2.0), (-1.2, 1.2))];
         let f = Footprint::new(narrow_and_wide).unwrap();
         assert!(!f.is_rectangle() && f.parts().len() == 2);
         assert_eq!((f.length(), f.width(), f.rear_axle_to_centre()), (5.0, 2.4, 1.5));
         assert!((f.reach() - 17f64.sqrt()).abs() < 1e-12);
-        let off_the_middle = Footprint::new(vec![boxed((-1.0, 2.0), (-0.5, 1.0))]).unwrap();
-        assert!(!off_the_middle.is_rectangle());
-        assert_eq!(off_the_middle.width(), 2.0);
+        let off_centre = Footprint::new(vec![boxed((-1.0, 2.0), (-0.5, 1.0))]).unwrap();
+        assert!(!off_centre.is_rectangle());
+        assert_eq!(off_centre.width(), 2.0);
     }
 
     #[test]
-    fn parts_within_others_are_dropped_and_of_equal_ones_the_first_stays() {
+    fn drops_parts_inside_others_and_keeps_the_first_of_equal_parts() {
         let (body, cabin) = (boxed((-1.0, 4.0), (-1.0, 1.0)), boxed((0.0, 2.0), (-1.0, 0.9)));
         for parts in [vec![body.clone(), cabin.clone()], vec![cabin, body.clone()], vec![body.clone(), body.clone()]] {
             assert_eq!(Footprint::new(parts).unwrap().parts(), std::slice::from_ref(&body));
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_footprint_is_told_apart() {
+    fn refuses_invalid_footprints() {
         let good = boxed((-1.0, 1.0), (-1.0, 1.0));
         let line = vec![Point::new(0.0, 0.0), Point::new(1.0, 1.0), Point::new(3.0, 3.0)];
         assert_eq!(Footprint::new(vec![]), Err(FootprintError::Empty));
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn the_polygon_around_a_disc_holds_it_and_is_two_percent_larger() {
+    fn the_polygon_around_a_disc_is_two_percent_larger() {
         let corners = around_disc(Point::new(1.0, -2.0), 0.5).to_vec();
         for i in 0..1000 {
             let angle = f64::from(i) * 0.00628319;
@@ -368,24 +368,24 @@ mod tests {
     }
 
     #[test]
-    fn a_finely_drawn_outline_is_simplified_outwards_within_two_percent() {
+    fn simplifies_a_detailed_outline_outwards_within_two_percent() {
         for n in [17, 40, 300, 20_000] {
-            let drawn: Vec<Point> = (0..n)
+            let outline: Vec<Point> = (0..n)
                 .map(|i| std::f64::consts::TAU * f64::from(i) / f64::from(n))
                 .map(|a| Point::new(2.0 * a.cos(), 0.9 * a.sin()))
                 .collect();
-            let f = Footprint::new(vec![drawn.clone()]).unwrap();
+            let f = Footprint::new(vec![outline.clone()]).unwrap();
             let part = &f.parts()[0];
             assert!(part.len() <= MOST_CORNERS);
-            assert!(drawn.iter().all(|p| depth(part, *p) > -1e-9), "{n} corners: something is cut off");
+            assert!(outline.iter().all(|p| depth(part, *p) > -1e-9), "{n} corners: a point is outside");
             let exact = std::f64::consts::PI * 2.0 * 0.9;
-            assert!(area(part) < 1.03 * exact, "{n} corners: {} m² in place of {exact} m²", area(part));
+            assert!(area(part) < 1.03 * exact, "{n} corners: {} m², exactly {exact} m²", area(part));
         }
     }
 
     proptest! {
         #[test]
-        fn hulls_hold_their_points_turn_left_and_have_few_corners(p in points(3..60)) {
+        fn hulls_contain_their_points_turn_left_and_have_few_corners(p in points(3..60)) {
             prop_assume!(area(&convex_hull(p.clone())) > 1e-3);
             let f = Footprint::new(vec![p.clone()]).unwrap();
             let part = &f.parts()[0];

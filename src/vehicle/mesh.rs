@@ -1,42 +1,42 @@
-//! The vertices of mesh files: Wavefront OBJ and STL, text and binary.
+//! Reads the vertices of mesh files: Wavefront OBJ and STL, text and binary.
 //!
-//! Only positions are read, since all that is wanted is their hull on the ground: `v` lines of an OBJ, the corners of the
-//! facets of an STL. Faces, normals, materials and units are passed over. STL files often say `solid` though they are
-//! binary: a file whose length is that of a binary one with its number of facets is one.
+//! Only positions are read, since the footprint is their convex hull on the ground: the `v` lines of an OBJ, the corners
+//! of the facets of an STL. Faces, normals, materials and units are ignored. Some binary STL files begin with `solid` like
+//! text; a file is binary if its length matches its number of facets.
 
-/// Bytes of a mesh file at most: a footprint needs a few hundred vertices.
-pub(super) const MOST_BYTES: u64 = 64 << 20;
+/// Largest mesh file, bytes. A footprint needs some hundred vertices.
+pub(super) const MAX_BYTES: u64 = 64 << 20;
 
-/// Why a mesh has no vertices to give.
+/// Why the vertices of a mesh cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshError {
-    /// An address like `package://…`, which needs a ROS installation.
-    #[error("an address; expected the name of a file beside the URDF")]
+    /// An URL like `package://…`, which needs a ROS installation.
+    #[error("a URL; expected the name of a file beside the URDF")]
     Address,
-    /// A kind of file that is not read.
+    /// An unknown file extension.
     #[error("unknown kind of mesh; expected .obj or .stl")]
     Kind,
-    /// Missing, or not to be read.
+    /// The file is missing or cannot be read.
     #[error("cannot be read: {0}")]
     Unreadable(#[from] std::io::Error),
-    /// A large file.
-    #[error("larger than {} MiB; expected a simple mesh for collision", MOST_BYTES >> 20)]
+    /// The file is larger than a mesh for collision checks needs.
+    #[error("larger than {} MiB; expected a simple mesh for collision checks", MAX_BYTES >> 20)]
     TooLarge,
-    /// A line that is no vertex though it says so.
+    /// A vertex line without three numbers.
     #[error("line {line}: `{found}`; expected three numbers")]
     Line {
-        /// Counted from 1.
+        /// Line, 1-based.
         line: usize,
-        /// Its beginning.
+        /// Its first 60 characters.
         found: String,
     },
-    /// Neither a text STL nor a binary one of the length that it announces.
-    #[error("neither a text STL nor a whole binary one")]
+    /// Neither a text STL nor a binary one whose length matches its number of facets.
+    #[error("neither a text STL nor a complete binary one")]
     Truncated,
     /// A coordinate that is not finite.
     #[error("vertex {vertex} is not finite")]
     NotFinite {
-        /// Counted from 1.
+        /// Number of the vertex, from 1.
         vertex: usize,
     },
     /// No vertices.
@@ -44,14 +44,16 @@ pub enum MeshError {
     Empty,
 }
 
-/// Checks a mesh's name; whether it is an STL (else an OBJ).
+/// Whether the file is an STL; otherwise it is an OBJ.
+///
+/// # Errors
+/// A URL, or another extension.
 pub(super) fn is_stl(name: &str) -> Result<bool, MeshError> {
     if name.contains("://") {
         return Err(MeshError::Address);
     }
-    let is = |extension: &str| {
-        std::path::Path::new(name).extension().is_some_and(|found| found.eq_ignore_ascii_case(extension))
-    };
+    let is =
+        |extension: &str| std::path::Path::new(name).extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
     if is("stl") {
         Ok(true)
     } else if is("obj") {
@@ -61,9 +63,9 @@ pub(super) fn is_stl(name: &str) -> Result<bool, MeshError> {
     }
 }
 
-/// The vertices in a file's bytes.
+/// The vertices of a file, at least one, all finite.
 pub(super) fn vertices(is_stl: bool, bytes: &[u8]) -> Result<Vec<[f64; 3]>, MeshError> {
-    let found = if !is_stl {
+    let vertices = if !is_stl {
         from_lines(bytes, "v")?
     } else if let Some(facets) = binary_facets(bytes) {
         facets.iter().flat_map(facet_corners).collect()
@@ -72,13 +74,13 @@ pub(super) fn vertices(is_stl: bool, bytes: &[u8]) -> Result<Vec<[f64; 3]>, Mesh
     } else {
         return Err(MeshError::Truncated);
     };
-    if let Some(i) = found.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
+    if let Some(i) = vertices.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
         return Err(MeshError::NotFinite { vertex: i + 1 });
     }
-    if found.is_empty() { Err(MeshError::Empty) } else { Ok(found) }
+    if vertices.is_empty() { Err(MeshError::Empty) } else { Ok(vertices) }
 }
 
-/// The numbers of all lines that begin with a keyword.
+/// The first three numbers of each line that begins with the keyword.
 fn from_lines(bytes: &[u8], keyword: &str) -> Result<Vec<[f64; 3]>, MeshError> {
     let vertex = |(i, line): (usize, &[u8])| {
         let line = line.trim_ascii().strip_prefix(keyword.as_bytes())?;
@@ -97,20 +99,20 @@ fn from_lines(bytes: &[u8], keyword: &str) -> Result<Vec<[f64; 3]>, MeshError> {
     bytes.split(|b| *b == b'\n').enumerate().filter_map(vertex).collect()
 }
 
-/// Bytes of one facet of a binary STL: normal, three corners, two bytes more.
+/// Bytes of a facet in a binary STL: normal, three corners, attribute (two bytes).
 const FACET: usize = 50;
 
-/// The facets of a binary STL, if the bytes have the length of one.
+/// The facets of a binary STL; `None` if the length does not match their number.
 fn binary_facets(bytes: &[u8]) -> Option<&[[u8; FACET]]> {
     let (count, facets) = bytes.get(80..)?.split_first_chunk::<4>()?;
-    let (facets, rest) = facets.as_chunks::<FACET>();
-    (rest.is_empty() && u32::try_from(facets.len()).ok()? == u32::from_le_bytes(*count)).then_some(facets)
+    let (facets, remainder) = facets.as_chunks::<FACET>();
+    (remainder.is_empty() && u32::try_from(facets.len()).ok()? == u32::from_le_bytes(*count)).then_some(facets)
 }
 
 fn facet_corners(facet: &[u8; FACET]) -> Vec<[f64; 3]> {
     let (numbers, _) = facet.as_chunks::<4>();
     let numbers: Vec<f64> = numbers.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect();
-    // the first three are the normal
+    // the first three numbers are the normal
     numbers.as_chunks::<3>().0.iter().skip(1).copied().collect()
 }
 
@@ -139,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn obj_gives_its_v_lines_and_nothing_else() {
+    fn reads_the_vertex_lines_of_an_obj() {
         let obj =
             "# caf\u{e9}\nmtllib x.mtl\nv 0 0 0.5\n  v\t1.5 0.0 0.5 1.0\nvn 9 9 9\nvt 9 9\nv 0 -2.25 1\nf 1 2 3\n";
         assert_eq!(vertices(false, obj.as_bytes()).unwrap(), TRIANGLE);
@@ -149,14 +151,14 @@ mod tests {
     }
 
     #[test]
-    fn stl_gives_the_corners_of_its_facets_from_text_and_binary() {
+    fn reads_the_facet_corners_of_text_and_binary_stl() {
         assert_eq!(vertices(true, text().as_bytes()).unwrap(), TRIANGLE);
         assert_eq!(vertices(true, &binary(b"made by hand", &[TRIANGLE])).unwrap(), TRIANGLE);
         assert_eq!(vertices(true, &binary(b"solid, but binary", &[TRIANGLE, TRIANGLE])).unwrap().len(), 6);
     }
 
     #[test]
-    fn what_is_no_mesh_is_told_apart() {
+    fn refuses_invalid_meshes() {
         let error = |is_stl, bytes: &[u8]| vertices(is_stl, bytes).unwrap_err();
         assert!(matches!(error(false, b""), MeshError::Empty));
         assert!(matches!(error(false, b"vn 0 0 1\nf 1 2 3"), MeshError::Empty));
@@ -172,13 +174,13 @@ mod tests {
         let mut broken = whole.clone();
         broken[96..100].copy_from_slice(&f32::NAN.to_le_bytes());
         assert!(matches!(error(true, &broken), MeshError::NotFinite { vertex: 1 }));
-        let mut announced = whole;
-        announced[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert!(matches!(error(true, &announced), MeshError::Truncated));
+        let mut wrong_count = whole;
+        wrong_count[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(matches!(error(true, &wrong_count), MeshError::Truncated));
     }
 
     #[test]
-    fn names_tell_the_kind_in_any_case_and_addresses_are_refused() {
+    fn accepts_extensions_in_any_case_and_refuses_urls() {
         assert!(is_stl("meshes/body.STL").unwrap() && !is_stl("body.obj").unwrap());
         for name in ["body.dae", "body", "", "stl"] {
             assert!(matches!(is_stl(name), Err(MeshError::Kind)), "{name}");
@@ -188,9 +190,9 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
-        /// Any bytes, and good files with bytes changed, cut or added, give finite vertices or an error.
+        /// Random bytes, and valid files with bytes changed, removed or added, give finite vertices or an error.
         #[test]
-        fn no_bytes_make_it_panic(
+        fn random_bytes_never_panic(
             junk in prop::collection::vec(any::<u8>(), 0..300),
             base in 0..4usize, at in any::<prop::sample::Index>(), keep in any::<bool>(), is_stl in any::<bool>(),
         ) {

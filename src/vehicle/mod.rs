@@ -22,7 +22,7 @@ pub struct Vehicle {
     pub name: String,
     /// CommonRoad vehicle type id (1 Ford Escort, 2 BMW 320i, 3 VW Vanagon), when it is one of the published ones.
     pub commonroad_type: Option<u8>,
-    /// What it covers on the ground.
+    /// Area that it covers on the ground.
     pub footprint: Footprint,
     /// Outer length of the footprint, m: [`Footprint::length`].
     pub length: f64,
@@ -56,7 +56,7 @@ pub struct Vehicle {
     pub comfort: Comfort,
 }
 
-/// What the vehicle can do at the utmost.
+/// Physical limits of the vehicle's motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
     /// Largest steering angle of the (virtual middle) front wheel, rad.
@@ -71,7 +71,7 @@ pub struct Limits {
     pub acceleration: f64,
     /// Speed above which the drive is limited by power (a·v constant), m/s.
     pub switching_speed: f64,
-    /// Largest braking deceleration the brakes can ask of the tyres, m/s², positive.
+    /// Largest deceleration of the brakes, m/s², positive. The tyres may limit it further.
     pub deceleration: f64,
 }
 
@@ -109,14 +109,14 @@ pub struct Actuators {
     pub brake_front_share: f64,
 }
 
-/// Limits of comfort; decelerations are positive numbers.
+/// Comfort limits. Decelerations are positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comfort {
     /// Comfortable acceleration, m/s².
     pub acceleration: f64,
     /// Comfortable deceleration, m/s².
     pub deceleration: f64,
-    /// Aggressive deceleration, tolerated in stopping proofs, m/s².
+    /// Aggressive deceleration, valid in stopping proofs, m/s².
     pub aggressive_deceleration: f64,
     /// Lateral acceleration, m/s².
     pub lateral_acceleration: f64,
@@ -156,10 +156,10 @@ impl Vehicle {
     }
 }
 
-/// The vehicle at a moment, as measured: rear-axle pose and motion.
+/// Measured state of the vehicle at a time: rear-axle pose and motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// Time of the run, s (0 at time step 0 of the file).
+    /// Time of the run, s; 0 at time step 0 of the file.
     pub time: f64,
     /// Pose of the rear axle's centre.
     pub pose: Pose,

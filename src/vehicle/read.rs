@@ -1,13 +1,19 @@
-//! Reading `vehicles/NAME/`: `vehicle.urdf` says what the vehicle is made of, `dynamics.toml` what a URDF cannot say.
+//! Reads a vehicle from `vehicles/NAME/`: geometry, masses and steering limits from `vehicle.urdf`, the rest from
+//! `dynamics.toml`.
 //!
-//! A few vehicles are built into the program; others are read from a folder. Every number is checked here, once: what
-//! [`load`] returns needs no further checks.
+//! Some vehicles are built into the program; others are read from a folder. Every number is checked here, so that a
+//! [`Vehicle`] needs no further checks.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::mesh::{MOST_BYTES, MeshError};
+use super::mesh::{MAX_BYTES, MeshError};
 use super::{Vehicle, dynamics, urdf};
+use crate::io::files::{self, InputError};
+use crate::io::settings_file::nearest;
+use crate::io::text;
+
+/// Largest `vehicle.urdf` or `dynamics.toml`, bytes.
+const MAX_TEXT: u64 = 16 << 20;
 
 /// A vehicle embedded in the program.
 struct Builtin {
@@ -55,32 +61,28 @@ const BUILTIN_NAMES: [&str; BUILTIN.len()] = {
     names
 };
 
-/// Why a vehicle could not be read. Each kind names the file and the element.
+/// Why a vehicle could not be read. The messages name the file and the element.
 #[derive(Debug, thiserror::Error)]
 pub enum VehicleError {
     /// Neither a built-in name nor a folder.
     #[error(
-        "no vehicle `{name}`: expected one of {}, or a folder that holds vehicle.urdf and dynamics.toml",
-        BUILTIN_NAMES.join(", ")
+        "no vehicle `{name}`: expected one of {}, or a folder with vehicle.urdf and dynamics.toml{}",
+        BUILTIN_NAMES.join(", "),
+        suggestion(name)
     )]
     Unknown {
-        /// What was asked for.
+        /// The requested name or folder.
         name: String,
     },
-    /// A file is missing or cannot be read as text.
-    #[error("{}: cannot be read: {source}", file.display())]
-    Unreadable {
-        /// The file.
-        file: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    /// A file is missing, cannot be read, or is not text.
+    #[error(transparent)]
+    Input(#[from] InputError),
     /// Not well-formed XML.
     #[error("{}: not XML: {message}", file.display())]
     NotXml {
         /// The file.
         file: PathBuf,
-        /// What is wrong and where.
+        /// The reason, with the position.
         message: String,
     },
     /// A xacro macro file in place of the URDF that it generates.
@@ -89,20 +91,20 @@ pub enum VehicleError {
         /// The file.
         file: PathBuf,
     },
-    /// XML, but not a URDF that can be understood.
+    /// XML, but not a valid URDF.
     #[error("{}: not a URDF: {message}", file.display())]
     NotUrdf {
         /// The file.
         file: PathBuf,
-        /// What was expected.
+        /// The reason.
         message: String,
     },
-    /// TOML that does not parse, or has missing or unknown keys.
+    /// Invalid TOML, or a missing or unknown key.
     #[error("{}: {message}", file.display())]
     Toml {
         /// The file.
         file: PathBuf,
-        /// What is wrong, with the line.
+        /// The reason, with the line.
         message: String,
     },
     /// A mesh of the footprint that cannot be read.
@@ -112,9 +114,9 @@ pub enum VehicleError {
         file: PathBuf,
         /// The element, with its name: `link base_link, collision 1`.
         element: String,
-        /// The mesh, as the URDF names it.
+        /// File name of the mesh in the URDF.
         mesh: String,
-        /// What is wrong.
+        /// The reason.
         source: MeshError,
     },
     /// An element that is missing or has a value out of its range.
@@ -124,11 +126,17 @@ pub enum VehicleError {
         file: PathBuf,
         /// The element, with its name: `link base_link`, `tyres.friction`.
         element: String,
-        /// What was found.
+        /// The value in the file.
         found: String,
-        /// What was expected.
+        /// The values that are valid.
         expected: &'static str,
     },
+}
+
+/// The built-in name nearest to an unknown one, as the end of a message.
+fn suggestion(unknown: &str) -> String {
+    let last = Path::new(unknown).file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    nearest(&last, BUILTIN_NAMES).map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 /// Names of the vehicles built into the program.
@@ -137,17 +145,16 @@ pub fn builtin_names() -> &'static [&'static str] {
     &BUILTIN_NAMES
 }
 
-/// Loads a vehicle by built-in name, or from a folder that holds `vehicle.urdf` and `dynamics.toml` (the path of the
-/// `vehicle.urdf` itself is understood too).
+/// Loads a vehicle by its built-in name, or from a folder with `vehicle.urdf` and `dynamics.toml`. The path of a file in
+/// the folder stands for the folder.
 ///
 /// # Errors
 /// An unknown name, an unreadable file, or a value out of its range.
 pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
     if let Some(Builtin { name, urdf, dynamics, meshes }) = BUILTIN.iter().find(|b| b.name == name_or_folder) {
-        let mesh = |wanted: &str| {
-            let found = meshes.iter().find(|(name, _)| *name == wanted);
-            found
-                .map(|(_, bytes)| bytes.to_vec())
+        let mesh = |file: &str| {
+            let mesh = meshes.iter().find(|(name, _)| *name == file);
+            mesh.map(|(_, bytes)| bytes.to_vec())
                 .ok_or_else(|| std::io::Error::from(std::io::ErrorKind::NotFound).into())
         };
         return assemble(name, &Path::new("vehicles").join(name), urdf, dynamics, &mesh);
@@ -157,17 +164,14 @@ pub fn load(name_or_folder: &str) -> Result<Vehicle, VehicleError> {
     if name_or_folder.is_empty() || !folder.is_dir() {
         return Err(VehicleError::Unknown { name: name_or_folder.to_owned() });
     }
-    let read = |file: &str| {
-        let file = folder.join(file);
-        std::fs::read_to_string(&file).map_err(|source| VehicleError::Unreadable { file, source })
-    };
+    let read = |file: &str| text::read(&folder.join(file), MAX_TEXT);
     let (urdf, toml) = (read("vehicle.urdf")?, read("dynamics.toml")?);
     let absolute = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let name = absolute.file_name().map_or_else(|| name_or_folder.to_owned(), |n| n.to_string_lossy().into_owned());
     assemble(&name, folder, &urdf, &toml, &|mesh| read_mesh(&folder.join(mesh)))
 }
 
-/// The files that a vehicle's folder is read from; none for one that is built in.
+/// The files that [`load`] may read for a folder; none for a built-in vehicle.
 #[must_use]
 pub fn files_of(name_or_folder: &str) -> Vec<PathBuf> {
     let given = Path::new(name_or_folder);
@@ -180,14 +184,15 @@ pub fn files_of(name_or_folder: &str) -> Vec<PathBuf> {
     entries.flatten().map(|entry| entry.path()).filter(is_read).collect()
 }
 
-/// Reads a mesh file, unless it is too large to be one for collision.
+/// Reads a mesh file, if it is small enough to be a mesh for collision checks.
 fn read_mesh(file: &Path) -> Result<Vec<u8>, MeshError> {
-    let mut bytes = Vec::new();
-    std::fs::File::open(file)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > MOST_BYTES { Err(MeshError::TooLarge) } else { Ok(bytes) }
+    files::read(file, MAX_BYTES).map_err(|e| match e {
+        InputError::Unreadable { source, .. } => MeshError::Unreadable(source),
+        InputError::TooLarge { .. } | InputError::NotText { .. } => MeshError::TooLarge,
+    })
 }
 
-/// Puts together what the two files and the meshes say.
+/// Combines the two files and the meshes.
 fn assemble(
     name: &str,
     folder: &Path,
@@ -227,7 +232,7 @@ mod tests {
         (BUILTIN[0].urdf, BUILTIN[0].dynamics)
     }
 
-    /// Puts files of no folder together: no mesh is found.
+    /// Combines texts without a folder, so that every mesh is missing.
     fn assemble(name: &str, folder: &Path, urdf: &str, toml: &str) -> Result<Vehicle, VehicleError> {
         super::assemble(name, folder, urdf, toml, &|mesh| read_mesh(&Path::new("no/such/folder").join(mesh)))
     }
@@ -241,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn published_mass_inertia_and_axles_come_out_of_the_links() {
+    fn the_links_sum_up_to_the_published_mass_inertia_and_axles() {
         // M. Althoff and G. Würsching, "CommonRoad: Vehicle Models", 2020, table 6
         for (name, mass, inertia, a, b, height) in [
             (
@@ -275,10 +280,22 @@ mod tests {
     }
 
     #[test]
-    fn every_built_in_vehicle_loads() {
+    fn loads_every_built_in_vehicle() {
         for name in builtin_names() {
             assert_eq!(&load(name).unwrap().name, name);
         }
+    }
+
+    #[test]
+    fn suggests_the_nearest_built_in_vehicle() {
+        for (name, meant) in
+            [("truk", "truck"), ("bmw_320", "bmw_320i"), ("BMW-320i", "bmw_320i"), ("my/f1tnth", "f1tenth")]
+        {
+            let message = load(name).unwrap_err().to_string();
+            assert!(message.ends_with(&format!("dynamics.toml; did you mean `{meant}`?")), "{message}");
+        }
+        let message = load("bicycle").unwrap_err().to_string();
+        assert!(!message.contains("did you mean"), "{message}");
     }
 
     #[test]
@@ -290,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_read_and_a_missing_file_is_named() {
+    fn reads_a_folder_and_names_a_missing_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().to_str().unwrap();
         let message = load(path).unwrap_err().to_string();
@@ -304,12 +321,18 @@ mod tests {
         assert_eq!(Vehicle { name: builtin.name.clone(), ..read }, builtin);
         let by_file = load(folder.path().join("vehicle.urdf").to_str().unwrap()).unwrap();
         assert_eq!(Vehicle { name: builtin.name.clone(), ..by_file }, builtin);
+        for (file, text) in [("vehicle.urdf", bmw().0), ("dynamics.toml", bmw().1)] {
+            let utf16: Vec<u8> = format!("\u{feff}{text}").encode_utf16().flat_map(u16::to_le_bytes).collect();
+            std::fs::write(folder.path().join(file), utf16).unwrap();
+        }
+        let encoded = load(path).unwrap();
+        assert_eq!(Vehicle { name: builtin.name.clone(), ..encoded }, builtin);
         std::fs::write(folder.path().join("dynamics.toml"), [0xff, 0xfe, 0x00]).unwrap();
-        assert!(matches!(load(path), Err(VehicleError::Unreadable { .. })));
+        assert!(matches!(load(path), Err(VehicleError::Input(InputError::NotText { .. }))));
     }
 
     #[test]
-    fn files_of_another_kind_are_told_apart() {
+    fn refuses_files_of_another_kind() {
         let same = ("", "");
         assert!(broken(("<robot name", "<robot <name"), same).contains("not XML"));
         assert!(broken(("<?xml version=\"1.0\"?>", "just text"), same).contains("not XML"));
@@ -322,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn one_wrong_thing_in_the_urdf_is_named() {
+    fn names_the_element_of_an_invalid_urdf() {
         let same = ("", "");
         for (old, new, part) in [
             ("<mass value=\"965.710868256\"/>", "<mass value=\"0\"/>", "link base_link: mass 0"),
@@ -368,7 +391,7 @@ mod tests {
                 "front_left_wheel",
             ),
             ("iyy=\"1.7\"", "iyy=\"0\"", "front_left_wheel"),
-            ("<child link=\"left_steering_knuckle\"/>", "<child link=\"nobody\"/>", "nobody"),
+            ("<child link=\"left_steering_knuckle\"/>", "<child link=\"missing\"/>", "missing"),
             ("<origin xyz=\"2.5789128 0.69342 0.344\"/>", "<origin xyz=\"-2.5789128 0.69342 0.344\"/>", "front axle"),
         ] {
             let message = broken((old, new), same);
@@ -379,9 +402,9 @@ mod tests {
         assert!(message.contains(&format!("vehicle.urdf: line {line}: link base_link")), "{message}");
     }
 
-    /// Elements that other programs read, on links or beside them, are none of our business.
+    /// Elements for other programs may be inside of links or beside them.
     #[test]
-    fn extensions_of_other_programs_are_passed_over() {
+    fn ignores_extensions_of_other_programs() {
         let extensions = "<gazebo reference=\"base_link\"><mass/><origin xyz=\"x\"/></gazebo>\
                           <transmission name=\"t\"><type>x</type><joint name=\"front_left_axle\"/></transmission></robot>";
         let urdf = bmw().0.replacen("</robot>", extensions, 1);
@@ -391,7 +414,7 @@ mod tests {
     const BOX: &str = "<box size=\"4.508 1.61 1.415\"/>";
     const BOX_ORIGIN: &str = "<origin xyz=\"1.4227170936 0 0.7075\"/>";
 
-    /// Reads the BMW with its box replaced, from a folder that holds the given mesh files.
+    /// Reads the BMW with its box replaced, from a folder with the given mesh files.
     fn with_geometry(geometry: &str, meshes: &[(&str, &[u8])]) -> Result<Vehicle, VehicleError> {
         let folder = tempfile::tempdir().unwrap();
         for (name, bytes) in meshes {
@@ -403,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn the_footprint_of_one_box_is_its_rectangle_to_the_bit() {
+    fn the_footprint_of_one_box_is_exactly_its_rectangle() {
         for (name, length, width, centre) in
             [("bmw_320i", 4.508, 1.61, 1.422_717_093_6), ("ford_escort", 4.298, 1.674, 1.508_76)]
         {
@@ -421,7 +444,7 @@ mod tests {
             (truck.footprint.parts().iter()).map(|part| 2.0 * part.iter().fold(0.0, |w: f64, p| w.max(p.y))).collect();
         assert_eq!(widths, [2.55, 2.3]);
         assert!((truck.length - 9.15).abs() < 1e-9 && (truck.front_overhang_from_rear_axle() - 7.32).abs() < 1e-9);
-        // AASHTO: 11.58 m for the front axle's middle at the largest steering angle
+        // AASHTO: turning radius of the front axle's middle at the largest steering angle
         let radius = truck.wheelbase / truck.limits.steering.sin();
         assert!((radius - 11.58).abs() < 0.05, "{radius}");
         let robot = load("f1tenth").unwrap();
@@ -439,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_box_is_covered_as_it_lies() {
+    fn a_rotated_box_gives_its_projection() {
         let read = |origin: &str| {
             let urdf = bmw().0.replacen(BOX_ORIGIN, origin, 1);
             assemble("x", Path::new("x"), &urdf, bmw().1).unwrap()
@@ -451,7 +474,7 @@ mod tests {
         let side = (4.508 + 1.61) / 2f64.sqrt();
         assert!((eighth.length - side).abs() < 1e-9 && (eighth.width - side).abs() < 1e-9);
         assert_eq!(eighth.footprint.parts()[0].len(), 4);
-        // stood on end, a box covers its height
+        // pitched by a right angle, the height of the box becomes its length
         let on_end = read("<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.5707963267948966 0\"/>");
         assert!((on_end.length - 1.415).abs() < 1e-9 && (on_end.width - 1.61).abs() < 1e-9);
         let aside = read("<origin xyz=\"1.4 0.2 0.7\"/>");
@@ -459,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_on_fixed_links_count_and_those_that_move_are_refused() {
+    fn the_footprint_includes_fixed_links_and_refuses_moving_ones() {
         let rack = |kind: &str| {
             let link = "<link name=\"rack\"><collision><origin xyz=\"-0.1 0 0\"/><geometry><box size=\"0.6 1.7 1\"/>\
                         </geometry></collision></link>";
@@ -472,7 +495,7 @@ mod tests {
             assemble("x", Path::new("x"), &urdf, bmw().1)
         };
         let v = rack("fixed").unwrap();
-        // the link is turned round, so that -0.1 leads forward: from -1.2 to -0.6
+        // the link points backwards, so that -0.1 is forward: from -1.2 to -0.6
         let rear = v.footprint.parts()[1].iter().fold(f64::INFINITY, |a, p| a.min(p.x));
         assert!((rear + 1.2).abs() < 1e-9 && v.footprint.parts().len() == 2);
         assert!((v.width - 1.7).abs() < 1e-9 && (v.length - (1.2 + v.front_overhang_from_rear_axle())).abs() < 1e-9);
@@ -480,9 +503,9 @@ mod tests {
         assert!(message.contains("link rack") && message.contains("joint mount"), "{message}");
     }
 
-    /// What turns for ever about the vertical is no wheel, however round it is, and whether or not it has wheels.
+    /// A link on a continuous joint about the vertical is not a wheel, even if it is round or has wheels.
     #[test]
-    fn a_trailer_or_scanner_on_a_continuous_joint_is_no_wheel() {
+    fn a_trailer_or_scanner_on_a_continuous_joint_is_not_a_wheel() {
         let with = |links: &str| {
             let urdf = bmw().0.replacen("</robot>", &format!("{links}</robot>"), 1);
             assemble("x", Path::new("x"), &urdf, bmw().1)
@@ -517,10 +540,10 @@ mod tests {
         let round = link("scanner", "<cylinder radius=\"0.05\" length=\"0.1\"/>");
         let message = with(&format!("{round}{scanner}")).unwrap_err().to_string();
         assert!(message.contains("link scanner") && message.contains("joint spin"), "{message}");
-        // without an outline it is but a mass that turns
+        // without a collision element, it is only a mass
         let bare = format!("<link name=\"scanner\">{inertial}</link>{scanner}");
         assert!((with(&bare).unwrap().mass - load("bmw_320i").unwrap().mass - 20.0).abs() < 1e-9);
-        // wheels of a second rear axle are told by name
+        // an error about a third rear wheel names it
         let extra = link("spare", "<cylinder radius=\"0.3\" length=\"0.2\"/>")
             + &joint("axle", "base_link", "spare", "0 1 0", "0.5 0.7 0.3");
         let message = with(&extra).unwrap_err().to_string();
@@ -528,7 +551,7 @@ mod tests {
     }
 
     #[test]
-    fn round_bodies_are_covered_by_polygons_two_percent_larger() {
+    fn round_bodies_become_polygons_two_percent_larger() {
         let v = with_geometry("<cylinder radius=\"0.9\" length=\"1.2\"/>", &[]).unwrap();
         assert!((v.length - 1.8).abs() < 1e-9 && (v.width - 1.8).abs() < 1e-9 && v.footprint.parts()[0].len() == 16);
         let v = with_geometry("<sphere radius=\"0.9\"/>", &[]).unwrap();
@@ -537,14 +560,14 @@ mod tests {
         let turned = turned.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.5707963267948966 0\"/>", 1);
         let v = assemble("x", Path::new("x"), &turned, bmw().1).unwrap();
         assert!((v.length - 4.0).abs() < 1e-9 && (v.width - 1.0).abs() < 1e-9, "{} {}", v.length, v.width);
-        let lying = bmw().0.replacen(BOX, "<cylinder radius=\"0.5\" length=\"3\"/>", 1);
-        let lying = lying.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.57 0\"/>", 1);
-        let message = assemble("x", Path::new("x"), &lying, bmw().1).unwrap_err().to_string();
-        assert!(message.contains("lies or leans") && message.contains("base_link, collision 1"), "{message}");
+        let horizontal = bmw().0.replacen(BOX, "<cylinder radius=\"0.5\" length=\"3\"/>", 1);
+        let horizontal = horizontal.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.57 0\"/>", 1);
+        let message = assemble("x", Path::new("x"), &horizontal, bmw().1).unwrap_err().to_string();
+        assert!(message.contains("not upright") && message.contains("base_link, collision 1"), "{message}");
     }
 
     #[test]
-    fn meshes_beside_the_urdf_give_their_hull() {
+    fn a_mesh_gives_its_convex_hull() {
         let obj = b"v -2 -0.8 0\nv 2 -0.8 0\nv 2.5 0 1\nv 2 0.8 0\nv -2 0.8 0\nv 0 0 3\n";
         let v = with_geometry("<mesh filename=\"body.obj\"/>", &[("body.obj", obj)]).unwrap();
         assert_eq!(v.footprint.parts()[0].len(), 5);
@@ -558,7 +581,7 @@ mod tests {
     }
 
     #[test]
-    fn one_wrong_thing_in_the_footprint_is_named_with_file_and_element() {
+    fn names_the_element_of_an_invalid_footprint() {
         let line = b"v 0 0 0\nv 1 1 0\nv 2 2 5";
         let mm = b"v -2000 -800 0\nv 2000 -800 0\nv 0 800 0";
         let files: [(&str, &[u8]); 6] = [
@@ -584,7 +607,7 @@ mod tests {
             ("<capsule radius=\"inf\" length=\"1\"/>", "collision 1: a capsule of inf 1"),
             ("<box size=\"400 1 1\"/>", "collision 1: a footprint with a corner 201.4 m from the rear axle"),
             ("<mesh filename=\"none.obj\"/>", "collision 1: mesh `none.obj`: cannot be read"),
-            ("<mesh filename=\"package://car/body.stl\"/>", "mesh `package://car/body.stl`: an address"),
+            ("<mesh filename=\"package://car/body.stl\"/>", "mesh `package://car/body.stl`: a URL"),
             ("<mesh filename=\"body.dae\"/>", "mesh `body.dae`: unknown kind"),
             ("<mesh filename=\"line.obj\"/>", "collision 1: a footprint with no area"),
             ("<mesh filename=\"empty.obj\"/>", "mesh `empty.obj`: no vertices"),
@@ -594,13 +617,13 @@ mod tests {
             ("<mesh filename=\"mm.obj\"/>", "in millimetres"),
             ("<mesh filename=\"mm.obj\" scale=\"0 1 1\"/>", "collision 1: scale 0 1 1"),
             ("<mesh filename=\"mm.obj\" scale=\"1e300 1e300 1\"/>", "link base_link, collision 1"),
-            (many, "link base_link: a footprint with 41 parts, 32 at most are understood; expected fewer"),
+            (many, "link base_link: a footprint with 41 parts, more than 32; expected fewer"),
         ] {
             let Err(error) = with_geometry(geometry, &files) else { panic!("accepted {geometry}") };
             let message = error.to_string();
             assert!(message.contains(part) && message.contains("vehicle.urdf"), "{geometry}: {message}");
             let is_far = geometry.contains("mm.obj\"/>") || geometry.contains("400") || geometry.contains("1e300");
-            assert_eq!(message.contains("in millimetres"), is_far, "the hint at a scale: {message}");
+            assert_eq!(message.contains("in millimetres"), is_far, "the hint about the scale: {message}");
         }
         let bare = bmw().0;
         let (start, end) = (bare.find("    <collision>").unwrap(), bare.find("</collision>\n").unwrap());
@@ -613,7 +636,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chassis_without_inertial_no_wheels_or_no_steering_is_refused() {
+    fn refuses_a_vehicle_without_inertia_wheels_or_steering() {
         let read = |u: &str| assemble("x", Path::new("x"), u, bmw().1).unwrap_err().to_string();
         let start = bmw().0.find("    <inertial>").unwrap();
         let end = bmw().0.find("</inertial>\n").unwrap() + "</inertial>\n".len();
@@ -628,7 +651,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_of_joints_is_refused() {
+    fn refuses_a_loop_of_joints() {
         let u = "<robot name='x'><link name='a'/><link name='b'/><link name='c'/>\
                  <joint name='p' type='fixed'><parent link='a'/><child link='b'/></joint>\
                  <joint name='q' type='fixed'><parent link='b'/><child link='a'/></joint></robot>";
@@ -638,14 +661,15 @@ mod tests {
     }
 
     #[test]
-    fn one_wrong_thing_in_the_toml_is_named() {
+    fn names_the_key_of_invalid_dynamics() {
         let same = ("", "");
         for (old, new, part) in [
             ("friction = 1.0489", "friction = -1.0", "tyres.friction: -1"),
             ("friction = 1.0489", "friction = 0.0", "tyres.friction: 0"),
             ("friction = 1.0489", "friction = nan", "tyres.friction"),
             ("friction = 1.0489", "friction = 1", ""),
-            ("friction = 1.0489", "fricton = 1.0", "fricton"),
+            ("friction = 1.0489", "fricton = 1.0", "did you mean `friction`?"),
+            ("[comfort]", "[comfrt]", "did you mean `comfort`?"),
             ("friction = 1.0489", "", "friction"),
             ("friction = 1.0489", "friction = \"high\"", "friction"),
             ("drag = 0.39", "drag = -0.1", "tyres.drag"),

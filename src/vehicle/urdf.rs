@@ -1,18 +1,19 @@
-//! `vehicle.urdf`: masses, inertia, axles, steering limits and footprint, read with `urdf-rs`.
+//! Reads `vehicle.urdf` with `urdf-rs`: masses, inertia, axles, steering limits and footprint.
 //!
-//! What is expected of the URDF: one root link with an inertial element; wheel links on continuous joints about axes that
-//! lie, two of them turned by revolute joints about the vertical (the steering). The frame of the root link may lie anywhere: every length
-//! is taken from the wheels. Mass, centre of mass and yaw inertia are summed over all links by the parallel axis theorem.
+//! The URDF must have one root link with an inertial element, and four wheel links on continuous joints about horizontal
+//! axes; revolute joints about the vertical steer the two front ones. The frame of the root link may be anywhere: lengths
+//! are relative to the wheels. Mass, centre of mass and yaw inertia are summed over all links by the parallel axis
+//! theorem.
 //!
-//! The footprint is made of the `<collision>` elements of the root and of all links that hang on it by fixed joints,
+//! The footprint consists of the `<collision>` elements of the root and of all links that fixed joints connect to it,
 //! each projected to the ground as one convex polygon: boxes and meshes (OBJ or STL beside the URDF) exactly, in any
-//! orientation; spheres, capsules and upright cylinders as polygons of 16 corners around them (2 % larger). Wheels and
-//! what steers them are not in it, as they turn inside the outline. Any other link that moves and has collision elements
-//! is refused: a hinged trailer would be overlooked, also one whose hitch may turn for ever.
+//! orientation; spheres, capsules and upright cylinders as circumscribed polygons of 16 corners (2 % larger). It excludes
+//! the wheels and the links that steer them, as these move inside the outline. Any other moving link with a collision
+//! element is an error, also on a continuous joint: a hinged trailer would be missing in the collision checks.
 //!
-//! Weak where: joints are taken in their zero position, and rotated frames (`rpy`) are followed for positions and for yaw
-//! only as far as the plane needs: an inertial frame that is rolled or pitched is refused. Wheels that stand out of the
-//! body, as on some robots, are covered only if the body's collision elements are drawn around them.
+//! Limits: joints are in their zero position. Rotated frames (`rpy`) apply to positions and to yaw; an inertial frame
+//! with roll or pitch is an error. Wheels that stick out of the body, as on some robots, are covered only if the body's
+//! collision elements enclose them.
 
 mod xml;
 
@@ -26,7 +27,7 @@ use super::footprint::{Footprint, FootprintError, around_disc};
 use super::mesh::{self, MeshError};
 use crate::geometry::Point;
 
-/// What the file says about the body.
+/// Content of the file, checked. Lengths relative to the rear axle.
 #[derive(Debug)]
 pub(super) struct Body {
     pub(super) footprint: Footprint,
@@ -42,16 +43,16 @@ pub(super) struct Body {
     pub(super) steering_rate: f64,
 }
 
-/// Frames may lie this far off (m, rad) what they should be: files are written with rounded decimals.
+/// Tolerance of positions and angles, m and rad: files have rounded decimals.
 const FRAME_TOLERANCE: f64 = 1e-3;
 
-/// An axis is upright rather than lying where its vertical share is more than this.
+/// Vertical component above which an axis is vertical and not horizontal.
 const UPRIGHT: f64 = 0.5;
 
-/// Gives the bytes of a mesh file by its name in the URDF.
+/// Returns the bytes of a mesh file by its name in the URDF.
 pub(super) type MeshFiles<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, MeshError>;
 
-/// Reads and checks the file's text.
+/// Reads and checks the text of the file.
 pub(super) fn read(file: &Path, text: &str, meshes: MeshFiles<'_>) -> Result<Body, VehicleError> {
     let with_inertial = xml::check(file, text)?;
     let robot = urdf_rs::read_from_string(text)
@@ -59,20 +60,20 @@ pub(super) fn read(file: &Path, text: &str, meshes: MeshFiles<'_>) -> Result<Bod
     Reader { file, robot: &robot, with_inertial, meshes }.body()
 }
 
-/// A link's place in the root frame, with the joint that carries it.
+/// A link with its frame relative to the root, and the joint that it is the child of.
 struct Placed<'a> {
     link: &'a Link,
     frame: Isometry3<f64>,
     joint: Option<&'a Joint>,
-    /// The revolute joint that turns it, somewhere between it and the root.
+    /// The revolute joint that steers it, between it and the root.
     steered_by: Option<&'a Joint>,
-    /// The first joint from the root that can move; `None` for what is fixed to the root.
+    /// The first joint from the root that can move; `None` if the link is fixed to the root.
     moved_by: Option<&'a Joint>,
 }
 
 impl Placed<'_> {
-    /// Whether it is a wheel: on a continuous joint that turns about a line across the vertical. What turns about the
-    /// vertical for ever is a hitch or a scanner.
+    /// Whether it is a wheel: on a continuous joint about a horizontal axis. A continuous joint about the vertical is that
+    /// of a hitch or a scanner.
     fn is_wheel(&self) -> bool {
         self.joint.is_some_and(|joint| {
             let axis = self.frame.rotation * nalgebra::Vector3::from(joint.axis.xyz.0);
@@ -168,7 +169,11 @@ impl<'a> Reader<'a> {
         let mut roots = robot.links.iter().filter(|l| !robot.joints.iter().any(|j| j.child.link == l.name));
         let (Some(root), None) = (roots.next(), roots.next()) else {
             let count = robot.links.iter().filter(|l| !robot.joints.iter().any(|j| j.child.link == l.name)).count();
-            return self.element("robot".into(), format!("{count} root links"), "one link that is no joint's child");
+            return self.element(
+                "robot".into(),
+                format!("{count} root links"),
+                "one link that is not the child of a joint",
+            );
         };
         let frame = Isometry3::identity();
         let mut placed = vec![Placed { link: root, frame, joint: None, steered_by: None, moved_by: None }];
@@ -181,7 +186,7 @@ impl<'a> Reader<'a> {
                 if placed.iter().any(|p| p.link.name == link.name) || placed.len() > robot.links.len() {
                     return self.element(
                         format!("link {}", link.name),
-                        "carried by two joints",
+                        "the child of two joints",
                         "one joint for each link",
                     );
                 }
@@ -194,7 +199,11 @@ impl<'a> Reader<'a> {
             next += 1;
         }
         if placed.len() < robot.links.len() {
-            return self.element("robot".into(), "links that hang on nothing", "a tree of joints without loops");
+            return self.element(
+                "robot".into(),
+                "links without a connection to the root",
+                "a tree of joints without loops",
+            );
         }
         Ok(placed)
     }
@@ -216,8 +225,12 @@ impl<'a> Reader<'a> {
                 _ => None,
             });
             let Some(radius) = radius else {
-                let found = "a continuous joint as wheels have, but no collision cylinder or sphere";
-                return self.element(name, found, "a cylinder whose radius is the wheel's, or a joint of another type");
+                let found = "a continuous joint about a horizontal axis, but no collision cylinder or sphere";
+                return self.element(
+                    name,
+                    found,
+                    "a cylinder with the radius of the wheel, or a joint of another type",
+                );
             };
             if !(radius.is_finite() && radius > 0.0) {
                 return self.element(name, format!("radius {radius}"), "a positive finite radius");
@@ -235,7 +248,11 @@ impl<'a> Reader<'a> {
             });
         }
         if wheels.is_empty() {
-            return self.element("robot".into(), "no wheels", "four wheel links on continuous joints about lying axes");
+            return self.element(
+                "robot".into(),
+                "no wheels",
+                "four wheel links on continuous joints about horizontal axes",
+            );
         }
         Ok(wheels)
     }
@@ -259,7 +276,7 @@ impl<'a> Reader<'a> {
         Ok((angle, rate))
     }
 
-    /// Total mass, its centre in the root frame, and the yaw inertia about that centre.
+    /// Total mass (kg), centre of mass in the root frame (m), and yaw inertia about it (kg m²).
     fn mass(&self, links: &[Placed<'a>]) -> Result<(f64, nalgebra::Vector3<f64>, f64), VehicleError> {
         let mut parts = Vec::new();
         for p in links {
@@ -291,7 +308,7 @@ impl<'a> Reader<'a> {
         Ok((total, centre, yaw))
     }
 
-    /// What the collision elements of the root and of all links fixed to it cover, in the frame of the rear axle.
+    /// Projection of the collision elements of the root and of all links fixed to it, in the rear-axle frame.
     fn footprint(&self, links: &[Placed<'a>], rear_x: f64) -> Result<Footprint, VehicleError> {
         let (mut names, mut parts) = (Vec::new(), Vec::new());
         for p in links.iter().filter(|p| p.moved_by.is_none()) {
@@ -309,7 +326,7 @@ impl<'a> Reader<'a> {
             let element = e.part().and_then(|i| names.get(i).cloned()).unwrap_or_else(root);
             let expected = match e {
                 FootprintError::Empty => "a <collision> element on it or on a link fixed to it",
-                FootprintError::TooMany { .. } => "fewer collision elements; one mesh or box around several will do",
+                FootprintError::TooMany { .. } => "fewer collision elements: one mesh or box may enclose several",
                 FootprintError::NotFinite { .. } => "finite origins, sizes and vertices",
                 FootprintError::Flat { .. } => "a collision element that covers an area of the ground",
                 FootprintError::TooFar { .. } => {
@@ -320,24 +337,24 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Refuses collision elements on links that move, unless the link is a wheel or steers one. What hangs on a joint that
-    /// turns for ever about the vertical is neither, wheels or not: a trailer.
+    /// Refuses collision elements on moving links, except on wheels and on links that steer one. A link behind a continuous
+    /// joint about the vertical is neither, even with wheels: it is a trailer.
     fn refuse_moving_parts(&self, links: &[Placed<'a>]) -> Result<(), VehicleError> {
         let parent = |p: &Placed<'a>| links.iter().find(|q| p.joint.is_some_and(|j| j.parent.link == q.link.name));
-        let turns_for_ever =
+        let is_hitched =
             |p: &&Placed<'a>| p.joint.is_some_and(|j| j.joint_type == JointType::Continuous) && !p.is_wheel();
         let with_wheels: Vec<&str> = (links.iter().filter(|p| p.is_wheel()))
             .flat_map(|wheel| std::iter::successors(Some(wheel), |p| parent(p)))
             .map(|p| p.link.name.as_str())
             .collect();
         for p in links.iter().filter(|p| !p.link.collision.is_empty()) {
-            let hitch = std::iter::successors(Some(p), |p| parent(p)).find(turns_for_ever).and_then(|p| p.joint);
+            let hitch = std::iter::successors(Some(p), |p| parent(p)).find(is_hitched).and_then(|p| p.joint);
             let loose = p.moved_by.filter(|_| !with_wheels.contains(&p.link.name.as_str()));
             let Some(joint) = hitch.or(loose) else { continue };
             let expected = if hitch.is_some() {
-                "a fixed joint, or no collision element: only wheels, on lying axes, may turn for ever (no trailers)"
+                "a fixed joint, or no collision element: only wheels may be on continuous joints (no trailers)"
             } else {
-                "fixed joints between the chassis and what belongs to its outline"
+                "fixed joints between the chassis and the parts of its outline"
             };
             let found = format!("a collision element that joint {} moves", joint.name);
             return self.element(format!("link {}", p.link.name), found, expected);
@@ -345,10 +362,10 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Points whose hull covers what a geometry covers on the ground.
+    /// Points whose convex hull contains the projection of a geometry to the ground.
     fn projected(&self, name: &str, frame: &Isometry3<f64>, geometry: &Geometry) -> Result<Vec<Point>, VehicleError> {
         let ground = |x: f64, y: f64, z: f64| (frame * Point3::new(x, y, z)).xy();
-        // discs around both ends of an axis: the hull of an upright cylinder, and of any capsule
+        // discs around both ends of the axis: their hull is that of an upright cylinder or of any capsule
         let round = |radius: f64, half: f64| {
             [ground(0.0, 0.0, -half), ground(0.0, 0.0, half)].iter().flat_map(|end| around_disc(*end, radius)).collect()
         };
@@ -371,7 +388,11 @@ impl<'a> Reader<'a> {
             Geometry::Cylinder { radius, length } => {
                 let [radius, length] = self.sizes(name, "cylinder", [*radius, *length])?;
                 if (frame.rotation * nalgebra::Vector3::z()).xy().norm() > FRAME_TOLERANCE {
-                    return self.element(name.to_owned(), "a cylinder that lies or leans", "an upright one, or a box");
+                    return self.element(
+                        name.to_owned(),
+                        "a cylinder that is not upright",
+                        "an upright cylinder, or a box",
+                    );
                 }
                 Ok(round(radius, 0.5 * length))
             }
@@ -397,7 +418,7 @@ impl<'a> Reader<'a> {
         mesh::vertices(is_stl, &(self.meshes)(filename)?)
     }
 
-    /// Sizes of a geometry, if they are positive and finite.
+    /// The sizes of a geometry, if they are positive and finite.
     fn sizes<const N: usize>(&self, name: &str, kind: &str, sizes: [f64; N]) -> Result<[f64; N], VehicleError> {
         if sizes.iter().all(|v| v.is_finite() && *v > 0.0) {
             return Ok(sizes);

@@ -1,15 +1,16 @@
-//! What can be so wrong with a scenario file that it is not read.
+//! Errors of the reader: of the file as a whole, or a list of those of its elements.
 
 use crate::io::files::InputError;
+use crate::io::kind::FileKind;
 
-/// Where in a file something is.
+/// Location of an element.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
     /// The file.
     pub file: String,
     /// Line, 1-based.
     pub line: u32,
-    /// The element and those around it: `lanelet 12, leftBound`.
+    /// The element and its ancestors below the root: `lanelet 12, leftBound`.
     pub element: String,
 }
 
@@ -23,23 +24,31 @@ impl std::fmt::Display for Place {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The file cannot be read, whatever is in it.
+    /// The file cannot be read, or is not text.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The file is not well-formed XML, or declares a document type.
-    #[error("{file}:{line}: not XML that this program reads: {source}")]
+    /// A file of another kind.
+    #[error("{file}: this is {kind}, expected a CommonRoad scenario (<commonRoad>); {}", kind.reader())]
+    OtherKind {
+        /// The file.
+        file: String,
+        /// Its kind.
+        kind: FileKind,
+    },
+    /// Not well-formed XML, or XML with a document type declaration.
+    #[error("{file}:{line}: not XML: {source}")]
     NotXml {
         /// The file.
         file: String,
-        /// Line.
+        /// Line, 1-based.
         line: u32,
-        /// What the parser met.
+        /// The parser's reason.
         source: roxmltree::Error,
     },
-    /// XML of another kind.
+    /// XML of an unknown kind.
     #[error("{place}: the root element is <{found}>, expected <commonRoad>: not a CommonRoad scenario")]
     WrongRoot {
-        /// Where.
+        /// Location.
         place: Place,
         /// Name of the root element.
         found: String,
@@ -47,55 +56,150 @@ pub enum ReadError {
     /// A version that this reader does not know.
     #[error("{place}: commonRoadVersion is \"{found}\", expected 2018b or 2020a")]
     UnsupportedVersion {
-        /// Where.
+        /// Location.
         place: Place,
         /// The version.
         found: String,
     },
-    /// Nothing to plan.
-    #[error("{file}: has no <planningProblem>")]
-    NoPlanningProblem {
-        /// The file.
-        file: String,
-    },
-    /// A required element or attribute is not there.
+    /// Missing or invalid elements.
+    #[error(transparent)]
+    Elements(#[from] ElementErrors),
+}
+
+/// What is wrong with one element.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ElementError {
+    /// A required element or attribute is missing.
     #[error("{place}: has no {expected}")]
     Missing {
-        /// Where.
+        /// Location of the element that lacks it.
         place: Place,
         /// What is missing.
         expected: &'static str,
     },
-    /// A value is not what it has to be: not a number, not finite, out of its range.
-    #[error("{place}: \"{found}\", expected {expected}")]
+    /// A value of the wrong type or out of its range.
+    #[error("{place}: is \"{found}\", expected {expected}")]
     BadValue {
-        /// Where.
+        /// Location.
         place: Place,
-        /// What is there.
+        /// The value, at most its first 40 characters.
         found: String,
-        /// What should be there.
+        /// The values that are valid.
         expected: &'static str,
     },
-    /// A line or polygon with too few distinct points.
+    /// A line or polygon with too few or too many distinct points.
     #[error("{place}: has {found} point(s), expected {expected}")]
     BadPoints {
-        /// Where.
+        /// Location.
         place: Place,
-        /// How many points there are.
+        /// Number of points.
         found: usize,
-        /// What should be there.
+        /// The numbers that are valid.
         expected: &'static str,
     },
-    /// Two elements with the same id, of which only one could be meant.
-    #[error("{place}: the id is already taken by an element before it")]
+    /// Two elements of one kind with the same id.
+    #[error("{place}: duplicate id, also that of line {first}; expected an id for each element")]
     DuplicateId {
-        /// Where.
+        /// Location of the second element.
         place: Place,
+        /// Line of the first element.
+        first: u32,
     },
     /// A goal region of lanelets none of which exists.
-    #[error("{place}: none of the lanelets that it names exists")]
+    #[error("{place}: refers to lanelet(s) {ids}, expected ids of lanelets in the file")]
     NoSuchLanelet {
-        /// Where.
+        /// Location.
+        place: Place,
+        /// The ids, separated by commas.
+        ids: String,
+    },
+    /// No planning problem, so there is no start and no goal.
+    #[error("{place}: has no planningProblem")]
+    NoPlanningProblem {
+        /// Location of the root element.
         place: Place,
     },
 }
+
+impl ElementError {
+    /// Location of the error.
+    #[must_use]
+    pub fn place(&self) -> &Place {
+        match self {
+            Self::Missing { place, .. }
+            | Self::BadValue { place, .. }
+            | Self::BadPoints { place, .. }
+            | Self::DuplicateId { place, .. }
+            | Self::NoSuchLanelet { place, .. }
+            | Self::NoPlanningProblem { place } => place,
+        }
+    }
+}
+
+/// The errors of a file's elements, at least one, in order of their lines. An element that contains an error is skipped,
+/// so an error has no consequential errors in this list.
+///
+/// The message has one line for each of the first 20 errors, and the number of the others.
+#[derive(Debug)]
+pub struct ElementErrors {
+    first: Vec<ElementError>,
+    total: usize,
+}
+
+impl ElementErrors {
+    /// Most errors stored, so that the memory does not grow with a file made of errors.
+    const STORED: usize = 1000;
+    /// Most errors printed.
+    const PRINTED: usize = 20;
+
+    pub(super) fn none() -> Self {
+        Self { first: Vec::new(), total: 0 }
+    }
+
+    #[cfg(test)]
+    pub(super) fn pop(&mut self) -> Option<ElementError> {
+        self.first.pop()
+    }
+
+    pub(super) fn push(&mut self, error: ElementError) {
+        self.first.push(error);
+        self.total += 1;
+        if self.first.len() >= 2 * Self::STORED {
+            self.sort();
+        }
+    }
+
+    /// Orders the errors by line, those of one line as they were found, and drops those beyond the limit.
+    pub(super) fn sort(&mut self) {
+        self.first.sort_by_key(|error| error.place().line);
+        self.first.truncate(Self::STORED);
+    }
+
+    /// The first errors of the file, at most a thousand.
+    #[must_use]
+    pub fn first(&self) -> &[ElementError] {
+        &self.first
+    }
+
+    /// Number of all errors.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        self.total
+    }
+}
+
+impl std::fmt::Display for ElementErrors {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (i, error) in self.first.iter().take(Self::PRINTED).enumerate() {
+            let separator = if i == 0 { "" } else { "\n" };
+            write!(f, "{separator}{error}")?;
+        }
+        match self.total.saturating_sub(Self::PRINTED) {
+            0 => Ok(()),
+            more => write!(f, "\n… and {more} more"),
+        }
+    }
+}
+
+impl std::error::Error for ElementErrors {}

@@ -1,21 +1,22 @@
 //! Reader of CommonRoad scenario files, versions 2018b and 2020a.
 //!
 //! Format: *CommonRoad: Composable benchmarks for motion planning on roads* (Althoff, Koschi, Manzinger, IV 2017) and
-//! the format descriptions 2018b and 2020a of the project. Both versions hold lanelets, obstacles and planning problems
+//! the format descriptions 2018b and 2020a of the project. Both versions have lanelets, obstacles and planning problems
 //! in one tree; 2020a renames the obstacle elements and moves speed limits from lanelets into traffic signs. The reader
-//! takes the elements of both under either version number.
+//! accepts the elements of both under either version number.
 //!
 //! Technique: the text is parsed into a read-only tree (roxmltree; no document type declarations, so no entity
-//! expansion), and each section is taken from the tree by its own module. Two kinds of trouble are kept apart:
+//! expansion), and one module reads each section of the tree. There are two kinds of trouble:
 //!
-//! - **[`ReadError`]**: what is wrong decides where something is or how large it is (a number that is none, an obstacle
-//!   without a shape, a lane of one point), or the file is not a scenario at all. Going on would be guessing about
-//!   something that can be hit.
-//! - **[`Issue`](crate::map::Issue)**: the file is still usable: a reference to a missing lanelet, an element that this
-//!   reader does not know, an uncertain state of which the middle is used.
+//! - **[`ReadError`]**: the file is not a scenario, or an element that decides about a position or a size is missing or
+//!   invalid: a coordinate that is not a number, an obstacle without a shape, a lane of one point. A default would be a
+//!   guess about a possible collision. All such elements are reported at once ([`ElementErrors`]): a faulty element is
+//!   skipped, and the reader examines the others.
+//! - **[`Issue`](crate::map::Issue)**: the scenario is usable: a reference to a missing lanelet, an unknown element, an
+//!   uncertain state whose middle is used.
 //!
-//! Weak spots: intersections, signal states and the geographic location are skipped; an uncertain position of a state
-//! (a region instead of a point) is reduced to its middle; a stop line belongs to its whole lanelet.
+//! Limits: intersections, signal states and the geographic location are skipped; an uncertain position of a state (a
+//! region instead of a point) is reduced to its middle; a stop line applies to its whole lanelet.
 
 mod error;
 mod network;
@@ -28,32 +29,38 @@ mod xml;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 
-pub use error::{Place, ReadError};
+pub use error::{ElementError, ElementErrors, Place, ReadError};
 
+use crate::io::kind::FileKind;
 use crate::io::{files, text};
 use crate::map::Scenario;
 use xml::{Node, Source};
 
-/// The versions that this reader knows.
+/// The versions of the format.
 const VERSIONS: [&str; 2] = ["2018b", "2020a"];
 
-/// Largest file read, bytes. The largest published scenarios have some 30 MB; devices that never end stop here.
+/// Largest size of a file and of its decompressed content, bytes. The largest published scenarios have some 30 MB.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// Most XML nodes accepted: bounds the memory of the tree to a few GB even for files made of tags alone.
+/// Most XML nodes: limits the memory of the tree to a few GB even for a file made of tags alone.
 const MAX_NODES: u32 = 40_000_000;
 
-/// Duration of a time step accepted, s. Published scenarios use 0.03 … 0.2 s.
+/// Valid duration of a time step, s. Published scenarios use 0.03 … 0.2 s.
 const TIME_STEPS: std::ops::RangeInclusive<f64> = 1e-3..=10.0;
+
+/// Bytes from which the kind of another file is recognised.
+const HEAD_BYTES: usize = 1 << 20;
 
 /// Reads a scenario file. It may be gzip'd.
 ///
 /// # Errors
 /// The file cannot be read, is not a CommonRoad scenario, or has missing or invalid elements.
 pub fn read_file(path: &Path) -> Result<Scenario, ReadError> {
-    read_str(&path.display().to_string(), &text::read(path, MAX_BYTES)?)
+    read_bytes(&path.display().to_string(), files::read(path, MAX_BYTES)?)
 }
 
 /// Reads a scenario from a stream, such as standard input; `name` stands for the file in messages.
@@ -70,7 +77,11 @@ pub fn read_from(name: &str, stream: impl std::io::Read) -> Result<Scenario, Rea
 /// # Errors
 /// As [`read_file`].
 pub fn read_bytes(name: &str, bytes: Vec<u8>) -> Result<Scenario, ReadError> {
-    read_str(name, &text::decode(Path::new(name), bytes, MAX_BYTES)?)
+    let binary_kind = other_kind(name, &bytes);
+    match text::decode(Path::new(name), bytes, MAX_BYTES) {
+        Ok(text) => read_str(name, &text),
+        Err(error) => Err(binary_kind.unwrap_or(error.into())),
+    }
 }
 
 /// Reads a scenario from text; `name` stands for the file in messages.
@@ -79,50 +90,51 @@ pub fn read_bytes(name: &str, bytes: Vec<u8>) -> Result<Scenario, ReadError> {
 /// As [`read_file`].
 pub fn read_str(name: &str, text: &str) -> Result<Scenario, ReadError> {
     let options = roxmltree::ParsingOptions { allow_dtd: false, nodes_limit: MAX_NODES, ..Default::default() };
-    let document = roxmltree::Document::parse_with_options(text, options).map_err(|source| ReadError::NotXml {
-        file: name.to_owned(),
-        line: source.pos().row,
-        source,
+    let document = roxmltree::Document::parse_with_options(text, options).map_err(|source| {
+        let (file, line) = (name.to_owned(), source.pos().row);
+        other_kind(name, text.as_bytes()).unwrap_or(ReadError::NotXml { file, line, source })
     })?;
+    let root = document.root_element();
     let mut source = Source::new(name, text);
-    scenario(&mut source, document.root_element())
+    if root.tag_name().name() != "commonRoad" {
+        let found = root.tag_name().name().to_owned();
+        let wrong_root = ReadError::WrongRoot { place: source.place(root), found };
+        return Err(other_kind(name, text.as_bytes()).unwrap_or(wrong_root));
+    }
+    if let Some(found) = root.attribute("commonRoadVersion").filter(|version| !VERSIONS.contains(version)) {
+        return Err(ReadError::UnsupportedVersion { place: source.place(root), found: found.to_owned() });
+    }
+    let scenario = scenario(&mut source, root);
+    Ok(Scenario { issues: source.finish()?, ..scenario })
 }
 
-fn scenario(source: &mut Source, root: Node) -> Result<Scenario, ReadError> {
-    let header = header(source, root)?;
-    source.note_unknown(
-        root,
-        &[
-            "location",
-            "scenarioTags",
-            "lanelet",
-            "trafficSign",
-            "trafficLight",
-            "intersection",
-            "obstacle",
-            "staticObstacle",
-            "dynamicObstacle",
-            "environmentObstacle",
-            "phantomObstacle",
-            "planningProblem",
-        ],
-    );
-    let network = network::read(source, root)?;
-    let obstacles = obstacle::read_all(source, root, header.time_step)?;
-    let problems = problem::read_all(source, root, &network, header.time_step)?;
-    if problems.is_empty() {
-        return Err(ReadError::NoPlanningProblem { file: source.file().to_owned() });
-    }
-    Ok(Scenario {
+/// The error about a file of another known kind.
+fn other_kind(name: &str, bytes: &[u8]) -> Option<ReadError> {
+    let head = &bytes[..bytes.len().min(HEAD_BYTES)];
+    let kind = FileKind::of_bytes(Path::new(name), head).filter(|kind| *kind != FileKind::Scenario)?;
+    Some(ReadError::OtherKind { file: name.to_owned(), kind })
+}
+
+fn scenario(source: &mut Source, root: Node) -> Scenario {
+    let header = header(source, root);
+    let mut known = vec!["location", "scenarioTags", "lanelet", "trafficSign", "trafficLight", "intersection"];
+    known.extend(obstacle::ELEMENTS);
+    known.push("planningProblem");
+    source.note_unknown(root, &known);
+    note_ids_of_several_kinds(source, root);
+    let network = network::read(source, root);
+    let obstacles = obstacle::read_all(source, root, header.time_step);
+    let problems = problem::read_all(source, root, &network, header.time_step);
+    Scenario {
         id: header.id,
         version: header.version,
         time_step: header.time_step,
-        network,
+        network: network.roads,
         obstacles,
         occupancy: None,
         problems,
-        issues: source.take_issues(),
-    })
+        issues: Vec::new(),
+    }
 }
 
 struct Header {
@@ -131,26 +143,63 @@ struct Header {
     time_step: f64,
 }
 
-fn header(source: &mut Source, root: Node) -> Result<Header, ReadError> {
-    if root.tag_name().name() != "commonRoad" {
-        return Err(ReadError::WrongRoot { place: source.place(root), found: root.tag_name().name().to_owned() });
-    }
-    let version = source.attribute(root, "commonRoadVersion")?;
-    if !VERSIONS.contains(&version) {
-        return Err(ReadError::UnsupportedVersion { place: source.place(root), found: version.to_owned() });
-    }
-    let text = source.attribute(root, "timeStepSize")?;
-    let time_step = text.trim().parse().ok().filter(|dt| TIME_STEPS.contains(dt)).ok_or_else(|| {
-        let expected = "timeStepSize in seconds, from 0.001 to 10";
-        ReadError::BadValue { place: source.place(root), found: text.to_owned(), expected }
-    })?;
+/// The attributes of the root. One with an error has a placeholder, so that the elements can be examined.
+fn header(source: &mut Source, root: Node) -> Header {
+    let version = source.attribute(root, "commonRoadVersion").unwrap_or_default().to_owned();
+    let time_step = source.attribute(root, "timeStepSize").and_then(|text| {
+        let time_step = text.trim().parse().ok().filter(|dt| TIME_STEPS.contains(dt));
+        time_step.ok_or_else(|| source.bad_value(root, text, "timeStepSize in seconds, from 0.001 to 10"))
+    });
     let id = match root.attribute("benchmarkID") {
         Some(id) if !id.trim().is_empty() => id.trim().to_owned(),
         _ => {
-            source.note(root, "has no benchmarkID; the file's name stands for it");
-            let stem = Path::new(source.file()).file_stem().map(|s| s.to_string_lossy().into_owned());
-            stem.unwrap_or_default()
+            source.note(root, "has no benchmarkID; the file name is used");
+            let name = Path::new(source.file().trim_end_matches(".gz"));
+            name.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
         }
     };
-    Ok(Header { id, version: version.to_owned(), time_step })
+    Header { id, version, time_step: time_step.unwrap_or(1.0) }
+}
+
+/// The id of an element, if it is a number.
+fn id_of(node: Node) -> Option<i64> {
+    node.attribute("id")?.trim().parse().ok()
+}
+
+/// Reports the id of an element if an earlier one of its kind has the same. `lines` are the lines of the ids so far.
+fn duplicate(source: &mut Source, node: Node, lines: &mut BTreeMap<i64, u32>) -> bool {
+    let Some(id) = id_of(node) else { return false };
+    match lines.entry(id) {
+        Entry::Vacant(entry) => {
+            entry.insert(source.line(node));
+            false
+        }
+        Entry::Occupied(entry) => {
+            let (place, first) = (source.place(node), *entry.get());
+            source.report(ElementError::DuplicateId { place, first });
+            true
+        }
+    }
+}
+
+/// Adds an issue for each id that elements of different kinds have, such as a lanelet and an obstacle: it is valid for
+/// this program, but other readers of the format need an id for each element.
+fn note_ids_of_several_kinds(source: &mut Source, root: Node) {
+    let kind_of = |node: Node| match node.tag_name().name() {
+        name if obstacle::ELEMENTS.contains(&name) => Some("obstacle"),
+        "lanelet" => Some("lanelet"),
+        "trafficSign" => Some("traffic sign"),
+        "trafficLight" => Some("traffic light"),
+        "intersection" => Some("intersection"),
+        "planningProblem" => Some("planning problem"),
+        _ => None,
+    };
+    let mut seen: BTreeMap<i64, (&str, u32)> = BTreeMap::new();
+    for node in root.children().filter(Node::is_element) {
+        let (Some(id), Some(kind)) = (id_of(node), kind_of(node)) else { continue };
+        let (first_kind, first_line) = *seen.entry(id).or_insert_with(|| (kind, source.line(node)));
+        if first_kind != kind {
+            source.note(node, format!("the {first_kind} in line {first_line} has the same id; both are kept"));
+        }
+    }
 }

@@ -1,40 +1,47 @@
-//! Obstacles: shape, kind, and what the file predicts of their motion.
+//! Obstacles: shape, kind, and predicted motion.
 
-use super::error::ReadError;
-use super::shape::{self, child_text};
+use super::id_of;
+use super::shape;
 use super::state::{self, State};
-use super::xml::{Node, Source, child, children};
+use super::xml::{Node, Read, Source, all, child, child_text, children, text};
 use crate::geometry::{Pose, Vector};
 use crate::map::{Motion, Obstacle, ObstacleKind, Shape, TimedOccupancy, TimedPose};
 
-pub(super) fn read_all(source: &mut Source, root: Node, time_step: f64) -> Result<Vec<Obstacle>, ReadError> {
+/// Names of the elements that are obstacles.
+pub(super) const ELEMENTS: [&str; 5] =
+    ["obstacle", "staticObstacle", "dynamicObstacle", "environmentObstacle", "phantomObstacle"];
+
+pub(super) fn read_all(source: &mut Source, root: Node, time_step: f64) -> Vec<Obstacle> {
     let mut obstacles = Vec::new();
     let mut seen = std::collections::BTreeSet::new();
     for node in root.children().filter(Node::is_element) {
         let obstacle = match node.tag_name().name() {
-            "obstacle" => by_role(source, node, time_step)?,
-            "staticObstacle" => fixed(source, node)?,
-            "dynamicObstacle" => moving(source, node, time_step)?,
-            "environmentObstacle" => environment(source, node)?,
-            "phantomObstacle" => phantom(source, node, time_step)?,
+            "obstacle" => by_role(source, node, time_step),
+            "staticObstacle" => fixed(source, node),
+            "dynamicObstacle" => moving(source, node, time_step),
+            "environmentObstacle" => environment(source, node),
+            "phantomObstacle" => phantom(source, node, time_step),
             _ => continue,
         };
-        if !seen.insert(obstacle.id) {
-            source.note(node, "its id is already taken by an obstacle before it; both are kept");
+        if id_of(node).is_some_and(|id| !seen.insert(id)) {
+            source.note(node, "an obstacle before it has the same id; both are kept");
         }
-        obstacles.push(obstacle);
+        obstacles.extend(obstacle);
     }
-    Ok(obstacles)
+    obstacles
 }
 
-/// The form of 2018b: one element, the role tells.
-fn by_role(source: &mut Source, node: Node, time_step: f64) -> Result<Obstacle, ReadError> {
-    let role = source.child(node, "role")?;
-    match super::xml::text(role).trim() {
-        "static" => fixed(source, node),
-        "dynamic" => moving(source, node, time_step),
+/// The form of 2018b: one element name, with the role in a child.
+fn by_role(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
+    let role = source.required(node, "role", |source, role| match text(role).trim() {
+        "static" => Ok(false),
+        "dynamic" => Ok(true),
         other => Err(source.bad_value(role, other, "static or dynamic")),
-    }
+    });
+    // examined for errors also where the role is one
+    let obstacle = if matches!(role, Ok(false)) { fixed(source, node) } else { moving(source, node, time_step) };
+    role?;
+    obstacle
 }
 
 fn note_unknown(source: &mut Source, node: Node) {
@@ -65,7 +72,7 @@ fn kind(source: &mut Source, node: Node) -> ObstacleKind {
         }
         Some("unknown") => ObstacleKind::Unknown,
         Some(other) => {
-            source.note(node, format!("its type \"{other}\" is not known"));
+            source.note(node, format!("its type \"{other}\" is unknown"));
             ObstacleKind::Unknown
         }
         None => {
@@ -75,14 +82,15 @@ fn kind(source: &mut Source, node: Node) -> ObstacleKind {
     }
 }
 
-/// Initial state; an orientation that is missing is 0, noted unless the shape is round.
-fn initial(source: &mut Source, node: Node, shape: &Shape) -> Result<State, ReadError> {
+/// Initial state. A missing orientation is replaced by 0, with an issue unless the shape is round. `shape` is `None` if
+/// it has an error.
+fn initial(source: &mut Source, node: Node, shape: Option<&Shape>) -> Read<State> {
     let node = source.child(node, "initialState")?;
     let mut state = state::read(source, node)?;
     if state.uncertain {
         source.note(node, "is uncertain; the middle of its intervals and regions is used");
     }
-    if state.yaw.is_none() && !shape::is_round(shape) {
+    if state.yaw.is_none() && !shape.is_some_and(shape::is_round) {
         source.note(node, "has no orientation; 0 is used");
     }
     state.yaw.get_or_insert(0.0);
@@ -93,59 +101,87 @@ fn pose(state: &State) -> Pose {
     Pose { position: state.position, yaw: state.yaw.unwrap_or(0.0) }
 }
 
-fn fixed(source: &mut Source, node: Node) -> Result<Obstacle, ReadError> {
+fn fixed(source: &mut Source, node: Node) -> Read<Obstacle> {
     note_unknown(source, node);
-    let shape = shape::read(source, source.child(node, "shape")?)?;
-    let motion = Motion::Static(pose(&initial(source, node, &shape)?));
-    Ok(Obstacle { id: source.id(node, "id")?, kind: kind(source, node), shape, motion })
+    let id = source.id(node, "id");
+    let kind = kind(source, node);
+    let shape = source.required(node, "shape", shape::read);
+    let state = initial(source, node, shape.as_ref().ok());
+    Ok(Obstacle { id: id?, kind, shape: shape?, motion: Motion::Static(pose(&state?)) })
 }
 
-fn moving(source: &mut Source, node: Node, time_step: f64) -> Result<Obstacle, ReadError> {
+fn moving(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
     note_unknown(source, node);
-    let shape = shape::read(source, source.child(node, "shape")?)?;
-    let first = initial(source, node, &shape)?;
-    let motion = if let Some(trajectory) = child(node, "trajectory") {
-        Motion::Trajectory(trajectory_of(source, trajectory, first, &shape, time_step)?)
-    } else if let Some(set) = child(node, "occupancySet") {
-        let at_start = Exactly { step: first.step, region: shape.moved(&pose(&first)) };
-        Motion::Occupancy(occupancies(source, set, Some(at_start), time_step)?)
-    } else {
-        source.note(node, "has no prediction; taken as standing at its initial state for ever");
-        Motion::Static(pose(&first))
+    let id = source.id(node, "id");
+    let kind = kind(source, node);
+    let shape = source.required(node, "shape", shape::read);
+    let first = initial(source, node, shape.as_ref().ok());
+    let prediction = match (child(node, "trajectory"), child(node, "occupancySet")) {
+        (Some(trajectory), _) => states(source, trajectory).map(|states| Prediction::Trajectory(trajectory, states)),
+        (None, Some(set)) => sets(source, set).map(|sets| Prediction::Occupancy(set, sets)),
+        (None, None) => Ok(Prediction::None),
     };
-    Ok(Obstacle { id: source.id(node, "id")?, kind: kind(source, node), shape, motion })
+    let (shape, first) = (shape?, first?);
+    let motion = match prediction? {
+        Prediction::Trajectory(node, states) => {
+            Motion::Trajectory(trajectory(source, node, first, states, &shape, time_step))
+        }
+        Prediction::Occupancy(node, mut sets) => {
+            sets.insert(0, Set { from: first.step, to: first.step, region: shape.moved(&pose(&first)) });
+            Motion::Occupancy(occupancies(source, node, sets, time_step))
+        }
+        Prediction::None => {
+            source.note(node, "has no prediction; assumed to stand at its initial state for the whole run");
+            Motion::Static(pose(&first))
+        }
+    };
+    Ok(Obstacle { id: id?, kind, shape, motion })
 }
 
-/// A structure: its shape is in world coordinates and it has no state.
-fn environment(source: &mut Source, node: Node) -> Result<Obstacle, ReadError> {
+/// The prediction of a moving obstacle as written, with its element.
+enum Prediction<'a> {
+    Trajectory(Node<'a>, Vec<State>),
+    Occupancy(Node<'a>, Vec<Set>),
+    None,
+}
+
+/// A structure. Its shape is in world coordinates, and it has no state.
+fn environment(source: &mut Source, node: Node) -> Read<Obstacle> {
     source.note_unknown(node, &["type", "shape"]);
-    let world = shape::read(source, source.child(node, "shape")?)?;
+    let id = source.id(node, "id");
+    let kind = kind(source, node);
+    let world = source.required(node, "shape", shape::read)?;
     let middle = shape::middle(&world);
     let shape = world.moved(&Pose { position: (-middle.coords).into(), yaw: 0.0 });
-    let motion = Motion::Static(Pose { position: middle, yaw: 0.0 });
-    Ok(Obstacle { id: source.id(node, "id")?, kind: kind(source, node), shape, motion })
+    Ok(Obstacle { id: id?, kind, shape, motion: Motion::Static(Pose { position: middle, yaw: 0.0 }) })
 }
 
-/// An obstacle that nobody sees: only sets that it may occupy.
-fn phantom(source: &mut Source, node: Node, time_step: f64) -> Result<Obstacle, ReadError> {
+/// A hypothetical obstacle in an occluded region: only the sets that it may occupy.
+fn phantom(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
     source.note_unknown(node, &["role", "type", "occupancySet"]);
-    let sets = occupancies(source, source.child(node, "occupancySet")?, None, time_step)?;
+    let id = source.id(node, "id");
+    let set = source.child(node, "occupancySet")?;
+    let sets = sets(source, set)?;
+    let sets = occupancies(source, set, sets, time_step);
     let shape = sets.first().map(|set| set.region.clone()).ok_or_else(|| source.missing(node, "occupancy"))?;
-    Ok(Obstacle { id: source.id(node, "id")?, kind: ObstacleKind::Unknown, shape, motion: Motion::Occupancy(sets) })
+    Ok(Obstacle { id: id?, kind: ObstacleKind::Unknown, shape, motion: Motion::Occupancy(sets) })
+}
+
+fn states(source: &mut Source, trajectory: Node) -> Read<Vec<State>> {
+    all(children(trajectory, "state").map(|state| state::read(source, state)))
 }
 
 /// The initial state and the predicted ones in order of time, one for each time.
-fn trajectory_of(
+fn trajectory(
     source: &mut Source,
     node: Node,
     first: State,
+    predicted: Vec<State>,
     shape: &Shape,
     time_step: f64,
-) -> Result<Vec<TimedPose>, ReadError> {
+) -> Vec<TimedPose> {
     let mut states = vec![first];
-    for state in children(node, "state") {
-        states.push(state::read(source, state)?);
-    }
+    states.extend(predicted);
     let predicted = states.len() - 1;
     if predicted == 0 {
         source.note(node, "has no state; the obstacle exists at its initial state only");
@@ -164,14 +200,17 @@ fn trajectory_of(
         later.step == kept.step
     });
     if contradicting > 0 {
-        source.note(node, format!("{contradicting} states are elsewhere than another one of the same time; left out"));
+        source.note(
+            node,
+            format!("{contradicting} states contradict the position of another state at the same time; left out"),
+        );
     }
     note_gaps(source, node, &states);
     fill_headings(source, node, &mut states, shape);
-    Ok(timed_poses(source, node, &states, time_step))
+    timed_poses(source, node, &states, time_step)
 }
 
-/// Tells of times without a state between two that are there: the motion goes on evenly from the one to the other.
+/// Adds an issue for time steps without a state between two states: the motion is interpolated over such a gap.
 fn note_gaps(source: &mut Source, node: Node, states: &[State]) {
     let steps = states.windows(2).map(|w| w[1].step - w[0].step);
     let usual = steps.clone().fold(f64::INFINITY, f64::min);
@@ -181,31 +220,31 @@ fn note_gaps(source: &mut Source, node: Node, states: &[State]) {
     if gaps > 0 {
         source.note(
             node,
-            format!("has {gaps} gap(s) between its states, the longest of {longest} time steps; filled evenly"),
+            format!("has {gaps} gap(s) between its states, the longest of {longest} time steps; interpolated"),
         );
     }
 }
 
-/// Gives states without an orientation that of their motion, or that of the state before while standing.
+/// Replaces a missing orientation by the direction of motion, or at standstill by the orientation of the state before.
 fn fill_headings(source: &mut Source, node: Node, states: &mut [State], shape: &Shape) {
-    /// Shorter moves tell nothing of the heading, m.
+    /// A shorter displacement gives no heading, m.
     const STANDING: f64 = 0.01;
     let missing = states.iter().filter(|s| s.yaw.is_none()).count();
     if missing > 0 && !shape::is_round(shape) {
-        source.note(node, format!("{missing} states have no orientation; that of their motion is used"));
+        source.note(node, format!("{missing} states have no orientation; the direction of their motion is used"));
     }
     let mut last = 0.0;
     for i in 0..states.len() {
         let step = states.get(i + 1).map_or(Vector::zeros(), |next| next.position - states[i].position);
-        let along_motion = if step.norm() > STANDING { step.y.atan2(step.x) } else { last };
-        last = *states[i].yaw.get_or_insert(along_motion);
+        let of_motion = if step.norm() > STANDING { step.y.atan2(step.x) } else { last };
+        last = *states[i].yaw.get_or_insert(of_motion);
     }
 }
 
-/// States with times in seconds. A speed that is missing is that of the motion to the next state (or from the last);
-/// so are all, when most of the file's speeds contradict the positions, which are what can be hit.
+/// States with times in seconds. A missing speed is replaced by that of the motion to the next state (from the previous
+/// one at the end). All speeds are, if most of them contradict the positions: collisions depend on positions.
 fn timed_poses(source: &mut Source, node: Node, states: &[State], time_step: f64) -> Vec<TimedPose> {
-    /// Speeds that differ less are noise of recordings, m/s.
+    /// Smaller differences of the speed are noise of recordings, m/s.
     const CONTRADICTION: f64 = 2.0;
     let speed_between =
         |a: &State, b: &State| (b.position - a.position).dot(&pose(a).forward()) / ((b.step - a.step) * time_step);
@@ -217,51 +256,51 @@ fn timed_poses(source: &mut Source, node: Node, states: &[State], time_step: f64
     let moved: Vec<f64> = (0..states.len()).map(moved_at).collect();
     let contradicts = |(s, moved): &(&State, &f64)| s.speed.is_some_and(|v| (v - **moved).abs() > CONTRADICTION);
     let contradicting = states.iter().zip(&moved).filter(contradicts).count();
-    let lies = 2 * contradicting > states.len();
-    if lies {
+    let is_contradictory = 2 * contradicting > states.len();
+    if is_contradictory {
         source.note(node, format!("{contradicting} speeds contradict the positions; the speed of the motion is used"));
     }
     let timed = |(s, moved): (&State, &f64)| TimedPose {
         time: s.step * time_step,
         pose: pose(s),
-        speed: s.speed.filter(|_| !lies).unwrap_or(*moved),
+        speed: s.speed.filter(|_| !is_contradictory).unwrap_or(*moved),
     };
     states.iter().zip(&moved).map(timed).collect()
 }
 
-/// A region occupied at one time step.
-struct Exactly {
-    step: f64,
+/// A region that the obstacle may occupy, with the first and last time step.
+struct Set {
+    from: f64,
+    to: f64,
     region: Shape,
 }
 
-/// The occupied regions in order of time. Where time passes that no set covers, as between sets for single steps, the
-/// sets on both sides are kept for that time: the obstacle is in either. `at_start` is the region of the initial state.
-fn occupancies(
-    source: &mut Source,
-    node: Node,
-    at_start: Option<Exactly>,
-    time_step: f64,
-) -> Result<Vec<TimedOccupancy>, ReadError> {
-    let mut sets: Vec<(f64, f64, Shape)> = at_start.into_iter().map(|s| (s.step, s.step, s.region)).collect();
-    for occupancy in children(node, "occupancy") {
-        let steps = state::steps(source, source.child(occupancy, "time")?)?;
-        sets.push((steps.min, steps.max, shape::read(source, source.child(occupancy, "shape")?)?));
-    }
-    if !sets.is_sorted_by(|a, b| a.0 <= b.0) {
-        source.note(node, "its sets are not in order of time; sorted");
-        sets.sort_by(|a, b| a.0.total_cmp(&b.0));
-    }
-    let times = without_gaps(&sets.iter().map(|s| (s.0, s.1)).collect::<Vec<_>>());
-    let timed = |((from, to), (_, _, region)): ((f64, f64), (f64, f64, Shape))| TimedOccupancy {
-        from: from * time_step,
-        to: to * time_step,
-        region,
-    };
-    Ok(times.into_iter().zip(sets).map(timed).collect())
+fn sets(source: &mut Source, node: Node) -> Read<Vec<Set>> {
+    all(children(node, "occupancy").map(|occupancy| {
+        let steps = source.required(occupancy, "time", state::steps);
+        let region = source.required(occupancy, "shape", shape::read);
+        let steps = steps?;
+        Ok(Set { from: steps.min, to: steps.max, region: region? })
+    }))
 }
 
-/// Widens intervals, sorted by their starts, over the gaps between them, from both sides.
+/// The occupied regions in order of time. In a gap between sets, as between sets for single steps, the sets on both
+/// sides are kept: the obstacle is in either.
+fn occupancies(source: &mut Source, node: Node, mut sets: Vec<Set>, time_step: f64) -> Vec<TimedOccupancy> {
+    if !sets.is_sorted_by(|a, b| a.from <= b.from) {
+        source.note(node, "its sets are not in order of time; sorted");
+        sets.sort_by(|a, b| a.from.total_cmp(&b.from));
+    }
+    let times = without_gaps(&sets.iter().map(|s| (s.from, s.to)).collect::<Vec<_>>());
+    let timed = |((from, to), set): ((f64, f64), Set)| TimedOccupancy {
+        from: from * time_step,
+        to: to * time_step,
+        region: set.region,
+    };
+    times.into_iter().zip(sets).map(timed).collect()
+}
+
+/// Extends intervals, sorted by their starts, over the gaps between them, from both sides.
 pub(super) fn without_gaps(intervals: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut furthest = f64::NEG_INFINITY;
     let furthest_end: Vec<f64> = intervals
@@ -271,13 +310,13 @@ pub(super) fn without_gaps(intervals: &[(f64, f64)]) -> Vec<(f64, f64)> {
             furthest
         })
         .collect();
-    let widen = |&(from, to): &(f64, f64)| {
-        let begun_before = intervals.partition_point(|i| i.0 < from);
-        let end_before = begun_before.checked_sub(1).map_or(from, |last| furthest_end[last]);
-        let begun = intervals.partition_point(|i| i.0 <= to);
-        let goes_on = furthest_end[begun - 1] > to;
-        let next = intervals.get(begun).filter(|_| !goes_on).map_or(to, |i| i.0);
+    let extend = |&(from, to): &(f64, f64)| {
+        let started_before = intervals.partition_point(|i| i.0 < from);
+        let end_before = started_before.checked_sub(1).map_or(from, |last| furthest_end[last]);
+        let started = intervals.partition_point(|i| i.0 <= to);
+        let continues = furthest_end[started - 1] > to;
+        let next = intervals.get(started).filter(|_| !continues).map_or(to, |i| i.0);
         (from.min(end_before), next)
     };
-    intervals.iter().map(widen).collect()
+    intervals.iter().map(extend).collect()
 }

@@ -1,44 +1,53 @@
 //! Planning problems: initial state and goal states.
 
-use super::error::ReadError;
-use super::xml::{Node, Source, child, children};
-use super::{shape, state};
-use crate::geometry::Pose;
-use crate::map::{Goal, GoalPosition, InitialState, Interval, PlanningProblem, RoadNetwork};
+use std::collections::BTreeMap;
 
-pub(super) fn read_all(
-    source: &mut Source,
-    root: Node,
-    network: &RoadNetwork,
-    time_step: f64,
-) -> Result<Vec<PlanningProblem>, ReadError> {
-    let mut problems: Vec<PlanningProblem> = Vec::new();
+use super::error::ElementError;
+use super::network::Network;
+use super::xml::{Node, Read, Source, all, child, children};
+use super::{duplicate, shape, state};
+use crate::geometry::Pose;
+use crate::map::{Goal, GoalPosition, InitialState, Interval, PlanningProblem};
+
+pub(super) fn read_all(source: &mut Source, root: Node, network: &Network, time_step: f64) -> Vec<PlanningProblem> {
+    let mut problems = Vec::new();
+    let mut lines = BTreeMap::new();
     for node in children(root, "planningProblem") {
-        let id = source.id(node, "id")?;
-        if problems.iter().any(|p| p.id == id) {
-            return Err(ReadError::DuplicateId { place: source.place(node) });
+        let problem = problem(source, node, network, time_step);
+        if duplicate(source, node, &mut lines) {
+            continue;
         }
-        source.note_unknown(node, &["initialState", "goalState"]);
-        let initial = initial(source, source.child(node, "initialState")?)?;
-        let goals =
-            children(node, "goalState").map(|g| goal(source, g, network, time_step)).collect::<Result<Vec<_>, _>>()?;
-        if goals.is_empty() {
-            source.note(node, "has no goalState; the run ends when it stands or its time is over");
-        }
-        problems.push(PlanningProblem { id, initial, goals });
+        problems.extend(problem);
     }
-    Ok(problems)
+    if child(root, "planningProblem").is_none() {
+        let place = source.place(root);
+        source.report(ElementError::NoPlanningProblem { place });
+    }
+    problems
 }
 
-/// No road vehicle is faster, m/s. What is planned and drawn grows with the way to a stop.
+fn problem(source: &mut Source, node: Node, network: &Network, time_step: f64) -> Read<PlanningProblem> {
+    source.note_unknown(node, &["initialState", "goalState"]);
+    let id = source.id(node, "id");
+    let initial = source.required(node, "initialState", initial);
+    let goals = all(children(node, "goalState").map(|g| goal(source, g, network, time_step)));
+    if child(node, "goalState").is_none() {
+        source.note(node, "has no goalState; the run ends at standstill or at its time limit");
+    }
+    Ok(PlanningProblem { id: id?, initial: initial?, goals: goals? })
+}
+
+/// Largest initial speed, m/s: no road vehicle is faster, and the size of a plan grows with the stopping distance.
 const MAX_SPEED: f64 = 150.0;
 
-fn initial(source: &mut Source, node: Node) -> Result<InitialState, ReadError> {
-    let state = state::read(source, node)?;
-    let yaw = state.yaw.ok_or_else(|| source.missing(node, "orientation"))?;
-    let speed = state.speed.ok_or_else(|| source.missing(node, "velocity"))?;
+fn initial(source: &mut Source, node: Node) -> Read<InitialState> {
+    let state = state::read(source, node);
+    let (orientation, velocity) = (source.child(node, "orientation"), source.child(node, "velocity"));
+    let mut middle_of = |name| Ok(source.optional(node, name, state::values)?.map_or(0.0, middle));
+    let (acceleration, yaw_rate) = (middle_of("acceleration"), middle_of("yawRate"));
+    let (state, _, velocity) = (state?, orientation?, velocity?);
+    let speed = state.speed.unwrap_or(0.0);
     if speed.abs() > MAX_SPEED {
-        let velocity = source.child(node, "velocity")?;
         return Err(source.bad_value(velocity, &speed.to_string(), "a speed of at most 150 m/s"));
     }
     if state.uncertain {
@@ -47,13 +56,12 @@ fn initial(source: &mut Source, node: Node) -> Result<InitialState, ReadError> {
     if speed < 0.0 {
         source.note(node, format!("rolls backwards at {} m/s; plans go forwards only", -speed));
     }
-    let optional = |name| child(node, name).map_or(Ok(0.0), |n| state::values(source, n).map(middle));
     #[allow(clippy::cast_possible_truncation)] // at most 1e9
     Ok(InitialState {
-        centre: Pose { position: state.position, yaw },
+        centre: Pose { position: state.position, yaw: state.yaw.unwrap_or(0.0) },
         speed,
-        acceleration: optional("acceleration")?,
-        yaw_rate: optional("yawRate")?,
+        acceleration: acceleration?,
+        yaw_rate: yaw_rate?,
         time_step: state.step.floor() as i64,
     })
 }
@@ -62,36 +70,34 @@ fn middle(interval: Interval) -> f64 {
     f64::midpoint(interval.min, interval.max)
 }
 
-fn goal(source: &mut Source, node: Node, network: &RoadNetwork, time_step: f64) -> Result<Goal, ReadError> {
+fn goal(source: &mut Source, node: Node, network: &Network, time_step: f64) -> Read<Goal> {
     source.note_unknown(node, &["position", "time", "velocity", "orientation"]);
-    let steps = state::steps(source, source.child(node, "time")?)?;
-    Ok(Goal {
-        position: child(node, "position").map(|n| position(source, n, network)).transpose()?,
-        time: Interval { min: steps.min * time_step, max: steps.max * time_step },
-        speed: child(node, "velocity").map(|n| state::values(source, n)).transpose()?,
-        yaw: child(node, "orientation").map(|n| state::angles(source, n)).transpose()?,
-    })
+    let steps = source.required(node, "time", state::steps);
+    let position = source.optional(node, "position", |source, n| position(source, n, network));
+    let speed = source.optional(node, "velocity", state::values);
+    let yaw = source.optional(node, "orientation", state::angles);
+    let steps = steps?;
+    let time = Interval { min: steps.min * time_step, max: steps.max * time_step };
+    Ok(Goal { position: position?, time, speed: speed?, yaw: yaw? })
 }
 
 /// The region of a goal: lanelets by reference, or shapes.
-fn position(source: &mut Source, node: Node, network: &RoadNetwork) -> Result<GoalPosition, ReadError> {
+fn position(source: &mut Source, node: Node, network: &Network) -> Read<GoalPosition> {
     if child(node, "lanelet").is_none() {
         return shape::read(source, node).map(GoalPosition::Shapes);
     }
-    let mut lanelets = Vec::new();
-    for reference in children(node, "lanelet") {
-        let id = source.id(reference, "ref")?;
-        if network.lanelets.contains_key(&id) {
-            lanelets.push(id);
-        } else {
-            source.note(reference, format!("names lanelet {id}, which does not exist; left out"));
-        }
+    let ids = source.references(node, "lanelet")?;
+    let (lanelets, missing): (Vec<_>, Vec<_>) = ids.iter().copied().partition(|id| network.may_have(*id));
+    if lanelets.is_empty() {
+        let ids = missing.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let place = source.place(node);
+        return Err(source.report(ElementError::NoSuchLanelet { place, ids }));
+    }
+    for (reference, id) in children(node, "lanelet").zip(&ids).filter(|(_, id)| missing.contains(id)) {
+        source.note(reference, format!("refers to lanelet {id}, which does not exist; left out"));
     }
     if shape::is_region(node) {
         source.note(node, "has lanelets and shapes; the shapes are left out");
-    }
-    if lanelets.is_empty() {
-        return Err(ReadError::NoSuchLanelet { place: source.place(node) });
     }
     Ok(GoalPosition::Lanelets(lanelets))
 }

@@ -1,57 +1,54 @@
-//! Shapes: rectangle, circle, polygon, several in one element.
+//! Shapes: rectangles, circles and polygons, one or several in an element.
 
-use super::error::ReadError;
-use super::xml::{Node, Source, child, text};
+use super::xml::{Node, Read, Source, all, child};
 use crate::geometry::{Point, Pose, cross};
 use crate::map::{Part, Shape};
 
-/// Most vertices of one polygon: cutting a concave polygon into convex pieces takes time of a higher power of it.
+/// Most vertices of a polygon: the time to cut a concave polygon into convex pieces grows with a power of their number.
 const MAX_VERTICES: usize = 1000;
 
-/// Smallest area of a polygon, m²: below it is a line.
+/// Smallest area of a polygon, m²; a smaller one is a line.
 const MIN_AREA: f64 = 1e-6;
 
 /// The shapes among the children of an element; at least one.
-pub(super) fn read(source: &Source, node: Node) -> Result<Shape, ReadError> {
-    let mut parts = Vec::new();
-    for child in node.children().filter(Node::is_element) {
-        match child.tag_name().name() {
-            "rectangle" => parts.push(rectangle(source, child)?),
-            "circle" => parts.push(circle(source, child)?),
-            "polygon" => parts.push(polygon(source, child)?),
-            other => return Err(source.bad_value(child, other, "a rectangle, circle or polygon")),
-        }
-    }
+pub(super) fn read(source: &mut Source, node: Node) -> Read<Shape> {
+    let parts = all(node.children().filter(Node::is_element).map(|child| match child.tag_name().name() {
+        "rectangle" => rectangle(source, child),
+        "circle" => circle(source, child),
+        "polygon" => polygon(source, child),
+        other => Err(source.bad_value(child, other, "a rectangle, circle or polygon")),
+    }))?;
     if parts.is_empty() {
         return Err(source.missing(node, "rectangle, circle or polygon"));
     }
     Ok(Shape { parts })
 }
 
-/// Whether the element holds shapes.
+/// Whether the element contains shapes.
 pub(super) fn is_region(node: Node) -> bool {
     ["rectangle", "circle", "polygon"].iter().any(|name| child(node, name).is_some())
 }
 
-fn rectangle(source: &Source, node: Node) -> Result<Part, ReadError> {
-    let yaw = child(node, "orientation").map_or(Ok(0.0), |n| source.number(n))?;
-    Ok(Part::Rectangle {
-        centre: Pose { position: centre(source, node)?, yaw },
-        length: source.positive(source.child(node, "length")?)?,
-        width: source.positive(source.child(node, "width")?)?,
-    })
+fn rectangle(source: &mut Source, node: Node) -> Read<Part> {
+    let yaw = source.optional(node, "orientation", Source::number);
+    let centre = centre(source, node);
+    let length = source.required(node, "length", Source::positive);
+    let width = source.required(node, "width", Source::positive);
+    let centre = Pose { position: centre?, yaw: yaw?.unwrap_or(0.0) };
+    Ok(Part::Rectangle { centre, length: length?, width: width? })
 }
 
-fn circle(source: &Source, node: Node) -> Result<Part, ReadError> {
-    Ok(Part::Circle { centre: centre(source, node)?, radius: source.positive(source.child(node, "radius")?)? })
+fn circle(source: &mut Source, node: Node) -> Read<Part> {
+    let (centre, radius) = (centre(source, node), source.required(node, "radius", Source::positive));
+    Ok(Part::Circle { centre: centre?, radius: radius? })
 }
 
-/// The centre of a rectangle or circle, the origin when it is not given.
-fn centre(source: &Source, node: Node) -> Result<Point, ReadError> {
-    child(node, "center").map_or(Ok(Point::origin()), |n| source.point(n))
+/// The centre of a rectangle or circle; the origin if there is none.
+fn centre(source: &mut Source, node: Node) -> Read<Point> {
+    Ok(source.optional(node, "center", Source::point)?.unwrap_or_else(Point::origin))
 }
 
-fn polygon(source: &Source, node: Node) -> Result<Part, ReadError> {
+fn polygon(source: &mut Source, node: Node) -> Read<Part> {
     let mut vertices = source.points(node)?;
     vertices.dedup();
     if vertices.len() > 1 && vertices.first() == vertices.last() {
@@ -59,10 +56,10 @@ fn polygon(source: &Source, node: Node) -> Result<Part, ReadError> {
     }
     let found = vertices.len();
     if found > MAX_VERTICES {
-        return Err(ReadError::BadPoints { place: source.place(node), found, expected: "at most 1000" });
+        return Err(source.bad_points(node, found, "at most 1000"));
     }
     if found < 3 || area(&vertices) < MIN_AREA {
-        return Err(ReadError::BadPoints { place: source.place(node), found, expected: "at least 3 around an area" });
+        return Err(source.bad_points(node, found, "at least 3 around an area"));
     }
     Ok(Part::Polygon { vertices })
 }
@@ -73,10 +70,10 @@ fn area(vertices: &[Point]) -> f64 {
     vertices.windows(2).map(|w| 0.5 * cross(w[0] - origin, w[1] - origin).abs()).fold(0.0, f64::max)
 }
 
-/// Middle of the box around the shape.
+/// Middle of the shape's bounding box.
 pub(super) fn middle(shape: &Shape) -> Point {
     let (mut low, mut high) = (Point::new(f64::MAX, f64::MAX), Point::new(f64::MIN, f64::MIN));
-    let mut hold = |p: Point| {
+    let mut include = |p: Point| {
         low = low.inf(&p);
         high = high.sup(&p);
     };
@@ -85,25 +82,20 @@ pub(super) fn middle(shape: &Shape) -> Point {
             Part::Rectangle { centre, .. } if shape.parts.len() == 1 => return centre.position,
             Part::Rectangle { centre, length, width } => {
                 for (x, y) in [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)] {
-                    hold(centre.to_world(Point::new(x * length, y * width)));
+                    include(centre.to_world(Point::new(x * length, y * width)));
                 }
             }
             Part::Circle { centre, radius } => {
-                hold(Point::new(centre.x - radius, centre.y - radius));
-                hold(Point::new(centre.x + radius, centre.y + radius));
+                include(Point::new(centre.x - radius, centre.y - radius));
+                include(Point::new(centre.x + radius, centre.y + radius));
             }
-            Part::Polygon { vertices } => vertices.iter().for_each(|v| hold(*v)),
+            Part::Polygon { vertices } => vertices.iter().for_each(|v| include(*v)),
         }
     }
     nalgebra::center(&low, &high)
 }
 
-/// Whether turning the shape about its frame's origin changes nothing.
+/// Whether the shape is the same in every orientation.
 pub(super) fn is_round(shape: &Shape) -> bool {
     shape.parts.iter().all(|p| matches!(p, Part::Circle { centre, .. } if *centre == Point::origin()))
-}
-
-/// The trimmed text of a child, if it is there.
-pub(super) fn child_text(node: Node, name: &str) -> Option<String> {
-    child(node, name).map(|n| text(n).trim().to_owned())
 }

@@ -1,8 +1,7 @@
-//! States: values that are exact or intervals, positions that are points or regions.
+//! States. A value is exact or an interval; a position is a point or a region.
 
-use super::error::ReadError;
 use super::shape;
-use super::xml::{Node, Source, child};
+use super::xml::{Node, Read, Source, child};
 use crate::geometry::Point;
 use crate::map::Interval;
 
@@ -18,21 +17,23 @@ pub(super) struct State {
 }
 
 /// Reads a state's time, position, orientation and velocity.
-pub(super) fn read(source: &Source, node: Node) -> Result<State, ReadError> {
-    let mut uncertain = false;
+pub(super) fn read(source: &mut Source, node: Node) -> Read<State> {
+    let step = source.required(node, "time", steps);
+    let yaw = source.optional(node, "orientation", angles);
+    let speed = source.optional(node, "velocity", values);
+    let position = source.required(node, "position", position);
+    let (step, yaw, speed, (position, is_region)) = (step?, yaw?, speed?, position?);
+    let mut uncertain = is_region;
     let mut middle_of = |interval: Interval| {
         uncertain |= interval.min < interval.max;
         f64::midpoint(interval.min, interval.max)
     };
-    let step = middle_of(steps(source, source.child(node, "time")?)?);
-    let yaw = child(node, "orientation").map(|n| angles(source, n)).transpose()?.map(&mut middle_of);
-    let speed = child(node, "velocity").map(|n| values(source, n)).transpose()?.map(&mut middle_of);
-    let (position, is_region) = position(source, source.child(node, "position")?)?;
-    Ok(State { step, position, yaw, speed, uncertain: uncertain || is_region })
+    let (step, yaw, speed) = (middle_of(step), yaw.map(&mut middle_of), speed.map(&mut middle_of));
+    Ok(State { step, position, yaw, speed, uncertain })
 }
 
 /// A point, or the middle of a region; and whether it was a region.
-fn position(source: &Source, node: Node) -> Result<(Point, bool), ReadError> {
+fn position(source: &mut Source, node: Node) -> Read<(Point, bool)> {
     if let Some(point) = child(node, "point") {
         return Ok((source.point(point)?, false));
     }
@@ -43,44 +44,40 @@ fn position(source: &Source, node: Node) -> Result<(Point, bool), ReadError> {
 }
 
 /// An exact value or an interval.
-pub(super) fn values(source: &Source, node: Node) -> Result<Interval, ReadError> {
+pub(super) fn values(source: &mut Source, node: Node) -> Read<Interval> {
     let interval = ends(source, node, Source::number)?;
     if interval.min > interval.max {
-        return Err(source.bad_value(
-            node,
-            &format!("{} … {}", interval.min, interval.max),
-            "an interval that does not end before it starts",
-        ));
+        let found = format!("{} … {}", interval.min, interval.max);
+        return Err(source.bad_value(node, &found, "an interval that does not end before it starts"));
     }
     Ok(interval)
 }
 
 /// An exact angle or an interval of angles, counter-clockwise from its start; its end may be written a turn too low.
-pub(super) fn angles(source: &Source, node: Node) -> Result<Interval, ReadError> {
+pub(super) fn angles(source: &mut Source, node: Node) -> Read<Interval> {
     let Interval { min, max } = ends(source, node, Source::number)?;
     let width = if max < min { (max - min).rem_euclid(std::f64::consts::TAU) } else { max - min };
     Ok(Interval { min, max: min + width })
 }
 
 /// An exact time step or an interval of time steps.
-pub(super) fn steps(source: &Source, node: Node) -> Result<Interval, ReadError> {
+pub(super) fn steps(source: &mut Source, node: Node) -> Read<Interval> {
     #[allow(clippy::cast_precision_loss)] // at most 1e9
-    let whole = |source: &Source, node: Node| source.integer(node).map(|i| i as f64);
+    let whole = |source: &mut Source, node: Node| source.integer(node).map(|i| i as f64);
     ends(source, node, whole)?;
     values(source, node)
 }
 
-fn ends(
-    source: &Source,
-    node: Node,
-    read: impl Fn(&Source, Node) -> Result<f64, ReadError>,
-) -> Result<Interval, ReadError> {
+fn ends(source: &mut Source, node: Node, read: impl Fn(&mut Source, Node) -> Read<f64>) -> Read<Interval> {
     if let Some(exact) = child(node, "exact") {
         let value = read(source, exact)?;
         return Ok(Interval { min: value, max: value });
     }
     match (child(node, "intervalStart"), child(node, "intervalEnd")) {
-        (Some(start), Some(end)) => Ok(Interval { min: read(source, start)?, max: read(source, end)? }),
+        (Some(start), Some(end)) => {
+            let (start, end) = (read(source, start), read(source, end));
+            Ok(Interval { min: start?, max: end? })
+        }
         _ => Err(source.missing(node, "exact, or intervalStart and intervalEnd")),
     }
 }

@@ -1,15 +1,15 @@
-//! Tests of the reader on one small file and its variations.
+//! Tests of the reader on one small file and variations of it.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 use proptest::prelude::*;
 
-use super::{ReadError, read_str};
+use super::{ElementError, ReadError, read_str};
 use crate::geometry::Point;
 use crate::map::{GoalPosition, Motion, ObstacleKind, Part, Scenario};
 
-/// Two lanelets one behind the other, one beside the first, a speed limit, a light, a stop line, one obstacle of every
-/// kind, two goal states. Coordinates are around 10⁶ to notice lost digits.
+/// Two successive lanelets, one beside the first, a speed limit, a light, a stop line, one obstacle of every kind, two
+/// goal states. Coordinates are around 10⁶, so that a loss of digits shows.
 const SMALL: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 <commonRoad timeStepSize="0.1" commonRoadVersion="2020a" benchmarkID="ZAM_Small-1_1_T-1" author="" date="">
   <scenarioTags><urban/></scenarioTags>
@@ -152,7 +152,7 @@ fn read(text: &str) -> Result<Scenario, ReadError> {
     read_str("small.xml", text)
 }
 
-/// The small file with one text replaced, which must occur.
+/// The small file with the first occurrence of a text replaced.
 fn with(from: &str, to: &str) -> String {
     assert!(SMALL.contains(from), "the small file has no {from}");
     SMALL.replacen(from, to, 1)
@@ -162,7 +162,7 @@ fn line_of(text: &str) -> usize {
     1 + SMALL[..SMALL.find(text).unwrap()].matches('\n').count()
 }
 
-/// The message of the error that reading must give; every message has to hold the given words.
+/// The error of reading the text. Its message contains the words.
 fn refused(text: &str, words: &[&str]) -> ReadError {
     let error = read(text).expect_err("must be refused");
     let message = error.to_string();
@@ -172,7 +172,14 @@ fn refused(text: &str, words: &[&str]) -> ReadError {
     error
 }
 
-/// Issues that reading must give besides the scenario.
+/// The only error among the elements of the text. Its message contains the words.
+fn refused_element(text: &str, words: &[&str]) -> ElementError {
+    let ReadError::Elements(mut errors) = refused(text, words) else { panic!("not an error of an element") };
+    assert_eq!((errors.total(), errors.first().len()), (1, 1), "{errors}");
+    errors.pop().unwrap()
+}
+
+/// The scenario. One of its issues contains each of the words.
 fn noted(text: &str, words: &[&str]) -> Scenario {
     let scenario = read(text).expect("must be read");
     let all: Vec<String> = scenario.issues.iter().map(ToString::to_string).collect();
@@ -183,7 +190,7 @@ fn noted(text: &str, words: &[&str]) -> Scenario {
 }
 
 #[test]
-fn the_small_file_is_read_whole_and_without_issues() {
+fn reads_the_small_file_without_issues() {
     let s = read(SMALL).unwrap();
     assert_eq!(s.issues, []);
     assert_eq!((s.id.as_str(), s.version.as_str(), s.time_step), ("ZAM_Small-1_1_T-1", "2020a", 0.1));
@@ -193,13 +200,13 @@ fn the_small_file_is_read_whole_and_without_issues() {
 }
 
 #[test]
-fn lanelets_keep_their_neighbourhood_rules_and_middle() {
+fn reads_neighbours_rules_and_centre_lines_of_lanelets() {
     let s = read(SMALL).unwrap();
     let one = &s.network.lanelets[&1];
     assert_eq!((one.successors.as_slice(), one.predecessors.as_slice()), ([2].as_slice(), [].as_slice()));
     let left = one.adjacent_left.unwrap();
     assert_eq!((left.id, left.same_direction), (3, false));
-    assert_eq!(one.speed_limit, Some(13.89), "the end of a zone (274.2) is no limit");
+    assert_eq!(one.speed_limit, Some(13.89), "the end of a zone (274.2) sets no limit");
     assert_eq!((one.signs.as_slice(), one.lights.as_slice()), ([10].as_slice(), [20].as_slice()));
     assert_eq!(one.types, ["urban"]);
     let stop = one.stop_line.unwrap();
@@ -217,9 +224,9 @@ fn lanelets_keep_their_neighbourhood_rules_and_middle() {
 }
 
 #[test]
-fn obstacles_keep_shape_kind_and_motion_in_seconds() {
+fn reads_shape_kind_and_motion_of_obstacles() {
     let s = read(SMALL).unwrap();
-    let [parked, car, walker, building, phantom] = s.obstacles.as_slice() else { panic!() };
+    let [parked, car, pedestrian, building, phantom] = s.obstacles.as_slice() else { panic!() };
     assert_eq!(parked.kind, ObstacleKind::ParkedVehicle);
     let Motion::Static(pose) = &parked.motion else { panic!() };
     assert_eq!((pose.position, pose.yaw), (Point::new(1_000_030.0, 1.0), 0.25));
@@ -230,26 +237,26 @@ fn obstacles_keep_shape_kind_and_motion_in_seconds() {
     assert!((states[0].time - 0.2).abs() < 1e-15 && (states[2].time - 0.4).abs() < 1e-15);
     assert_eq!(car.pose_at(0.1), None, "it does not exist before its first step");
 
-    assert_eq!(walker.kind, ObstacleKind::Pedestrian);
-    let Motion::Occupancy(sets) = &walker.motion else { panic!() };
+    assert_eq!(pedestrian.kind, ObstacleKind::Pedestrian);
+    let Motion::Occupancy(sets) = &pedestrian.motion else { panic!() };
     let times: Vec<(f64, f64)> = sets.iter().map(|o| (o.from, o.to)).collect();
     assert_eq!(times, [(0.0, 0.1), (0.0, 0.2), (0.1, 0.4)], "between two steps it is in either set");
     let Part::Circle { centre, radius } = &sets[0].region.parts[0] else { panic!() };
-    assert_eq!((*centre, *radius), (Point::new(1_000_040.0, 5.0), 0.4), "the initial state is a set too");
+    assert_eq!((*centre, *radius), (Point::new(1_000_040.0, 5.0), 0.4), "the initial state is the first set");
 
     assert_eq!(building.kind, ObstacleKind::Structure);
     let Motion::Static(pose) = &building.motion else { panic!() };
     let world = building.shape.moved(pose);
     let Part::Polygon { vertices } = &world.parts[0] else { panic!() };
-    assert_eq!(vertices.len(), 3, "the repeated vertex is gone");
+    assert_eq!(vertices.len(), 3, "the repeated vertex is removed");
     assert!((vertices[2] - Point::new(1_000_020.0, 20.0)).norm() < 1e-9);
-    assert!(building.shape.bounding_radius() < 8.0, "its frame lies at its middle, not a thousand kilometres away");
+    assert!(building.shape.bounding_radius() < 8.0, "its frame is at its middle, not at the origin of the world");
 
     assert_eq!(phantom.lifetime(), (0.0, 0.9));
 }
 
 #[test]
-fn the_problem_keeps_start_and_every_goal() {
+fn reads_initial_state_and_goals_of_a_problem() {
     let s = read(SMALL).unwrap();
     let p = &s.problems[0];
     assert_eq!(p.initial.centre.position, Point::new(1_000_005.0, 1.75));
@@ -270,7 +277,7 @@ fn the_problem_keeps_start_and_every_goal() {
 }
 
 #[test]
-fn a_2018b_file_has_limits_on_lanelets_and_obstacles_by_role() {
+fn reads_the_speed_limits_and_obstacle_roles_of_2018b() {
     let old = SMALL
         .replace("2020a", "2018b")
         .replace("<trafficSignRef ref=\"10\"/>", "<speedLimit>12.5</speedLimit>")
@@ -282,11 +289,11 @@ fn a_2018b_file_has_limits_on_lanelets_and_obstacles_by_role() {
     assert_eq!(s.network.lanelets[&1].speed_limit, Some(12.5));
     assert!(matches!(s.obstacles[0].motion, Motion::Static(_)));
     assert!(matches!(s.obstacles[1].motion, Motion::Trajectory(_)));
-    refused(&old.replace("<role>static", "<role>ghost"), &["ghost", "static or dynamic", "obstacle 30"]);
+    refused_element(&old.replace("<role>static", "<role>ghost"), &["ghost", "static or dynamic", "obstacle 30"]);
 }
 
 #[test]
-fn the_lowest_limit_holds_and_national_numbers_are_known() {
+fn the_lowest_speed_limit_applies_and_national_sign_numbers_are_known() {
     for code in ["MAX_SPEED", "274.1", "R2-1", "B14", "C43", "Ρ-32"] {
         let s = read(&with("<trafficSignID>274</trafficSignID>", &format!("<trafficSignID>{code}</trafficSignID>")))
             .unwrap();
@@ -299,7 +306,7 @@ fn the_lowest_limit_holds_and_national_numbers_are_known() {
 }
 
 #[test]
-fn stop_lines_run_from_left_to_right_whichever_way_they_are_written() {
+fn stop_lines_run_from_left_to_right_in_either_order_of_points() {
     let line = |a: &str, b: &str| {
         format!("<stopLine><point><x>1000045</x><y>{a}</y></point><point><x>1000045</x><y>{b}</y></point>")
     };
@@ -313,29 +320,43 @@ fn stop_lines_run_from_left_to_right_whichever_way_they_are_written() {
 }
 
 #[test]
-fn what_is_no_scenario_is_refused_with_its_reason() {
+fn refuses_files_that_are_not_scenarios() {
     refused("", &["small.xml:", "not XML"]);
     refused("hello", &["small.xml:1", "not XML"]);
-    refused("<osm version=\"0.6\"/>", &["<osm>", "<commonRoad>"]);
+    refused("<osm version=\"0.6\"/>", &["small.xml: this is a Lanelet2", "<osm>", "<commonRoad>"]);
+    refused("<note/>", &["small.xml:1: note: the root element is <note>, expected <commonRoad>"]);
     refused(&with("2020a", "2017a"), &["2017a", "2018b or 2020a", "small.xml:2"]);
-    refused(&with("commonRoadVersion=\"2020a\"", ""), &["commonRoadVersion"]);
+    refused_element(&with("commonRoadVersion=\"2020a\"", ""), &["small.xml:2", "commonRoadVersion"]);
     refused(&SMALL[..SMALL.len() / 2], &["not XML"]);
     let start = SMALL.find("<planningProblem").unwrap();
     let end = SMALL.find("</planningProblem>").unwrap() + "</planningProblem>".len();
     let without = format!("{}{}", &SMALL[..start], &SMALL[end..]);
-    assert!(matches!(refused(&without, &["planningProblem"]), ReadError::NoPlanningProblem { .. }));
+    let error = refused_element(&without, &["small.xml:2: commonRoad: has no planningProblem"]);
+    assert!(matches!(error, ElementError::NoPlanningProblem { .. }));
 }
 
 #[test]
-fn a_time_step_that_is_none_is_refused() {
+fn names_the_kind_of_another_file() {
+    let kind = |name: &str, bytes: &[u8]| super::read_bytes(name, bytes.to_vec()).unwrap_err().to_string();
+    let image = kind("a.xml", b"\x89PNG\r\n\x1a\n\xff\xff");
+    assert!(image.starts_with("a.xml: this is a PNG image, expected a CommonRoad scenario"), "{image}");
+    let suite = kind("a.toml", b"[[drive]]\nscenarios = \"a.xml\"\n");
+    assert!(suite.starts_with("a.toml: this is a regression suite, expected"), "{suite}");
+    let utf16: Vec<u8> = "\u{feff}<OpenDRIVE/>".encode_utf16().flat_map(u16::to_be_bytes).collect();
+    assert!(kind("a.xml", &utf16).contains("OpenDRIVE"), "{}", kind("a.xml", &utf16));
+}
+
+#[test]
+fn refuses_invalid_time_steps() {
     for dt in ["0", "-0.1", "NaN", "inf", "1e-9", "100", "", "fast"] {
-        refused(&with("timeStepSize=\"0.1\"", &format!("timeStepSize=\"{dt}\"")), &["timeStepSize", "small.xml:2"]);
+        let text = with("timeStepSize=\"0.1\"", &format!("timeStepSize=\"{dt}\""));
+        refused_element(&text, &["timeStepSize", "small.xml:2"]);
     }
-    refused(&with("timeStepSize=\"0.1\"", ""), &["timeStepSize"]);
+    refused_element(&with("timeStepSize=\"0.1\"", ""), &["timeStepSize"]);
 }
 
 #[test]
-fn broken_numbers_are_refused_wherever_they_stand() {
+fn refuses_invalid_numbers_in_every_section() {
     let places = [
         ("<x>1000000.0</x>", "x", "lanelet 1, leftBound, point, x"),
         ("<additionalValue>13.89</additionalValue>", "additionalValue", "trafficSign 10"),
@@ -349,84 +370,109 @@ fn broken_numbers_are_refused_wherever_they_stand() {
     ];
     for (text, tag, place) in places {
         for bad in ["NaN", "inf", "-inf", "1e400", "1e30", "", "two", "1,5"] {
-            let error = refused(&with(text, &format!("<{tag}>{bad}</{tag}>")), &[place]);
-            let ReadError::BadValue { place, .. } = error else { panic!("{error}") };
+            let error = refused_element(&with(text, &format!("<{tag}>{bad}</{tag}>")), &[place]);
+            let ElementError::BadValue { place, .. } = error else { panic!("{error}") };
             assert_eq!(place.line as usize, line_of(text), "{text} as {bad}");
         }
     }
 }
 
 #[test]
-fn sizes_have_to_be_above_zero() {
+fn refuses_sizes_that_are_not_positive() {
     for (tag, value) in [("length", "4.5"), ("width", "1.8"), ("radius", "0.5")] {
         for bad in ["0", "-1"] {
-            refused(&with(&format!("<{tag}>{value}"), &format!("<{tag}>{bad}")), &["above 0"]);
+            refused_element(&with(&format!("<{tag}>{value}"), &format!("<{tag}>{bad}")), &["above 0"]);
         }
     }
 }
 
 #[test]
-fn a_lanelet_of_one_point_is_refused() {
+fn refuses_a_lanelet_of_one_point() {
     let one = with("<point><x>1000050.0</x><y>0.0</y></point>", "");
-    let ReadError::BadPoints { place, found, .. } = refused(&one, &["lanelet 1, rightBound"]) else { panic!() };
+    let ElementError::BadPoints { place, found, .. } = refused_element(&one, &["lanelet 1, rightBound"]) else {
+        panic!()
+    };
     assert_eq!((place.line, found), (9, 1));
-    refused(&with("<x>1000050.0</x><y>0.0</y>", "<x>1000000.0</x><y>0.0</y>"), &["lanelet 1, rightBound"]);
-    refused(
+    refused_element(&with("<x>1000050.0</x><y>0.0</y>", "<x>1000000.0</x><y>0.0</y>"), &["lanelet 1, rightBound"]);
+    refused_element(
         &with("<leftBound>", "<leftBounds>").replacen("</leftBound>", "</leftBounds>", 1),
         &["lanelet 1", "leftBound"],
     );
 }
 
 #[test]
-fn an_obstacle_without_shape_or_state_is_refused() {
+fn refuses_an_obstacle_without_shape_or_state() {
     let shape = "<shape><rectangle><length>4.5</length><width>1.8</width></rectangle></shape>";
-    refused(&with(shape, ""), &["staticObstacle 30", "shape"]);
-    refused(&with(shape, "<shape/>"), &["staticObstacle 30, shape", "rectangle, circle or polygon"]);
-    refused(&with(shape, "<shape><blob/></shape>"), &["blob"]);
-    refused(
+    refused_element(&with(shape, ""), &["staticObstacle 30", "shape"]);
+    refused_element(&with(shape, "<shape/>"), &["staticObstacle 30, shape", "rectangle, circle or polygon"]);
+    refused_element(&with(shape, "<shape><blob/></shape>"), &["blob"]);
+    refused_element(
         &with("<position><point><x>1000030.0</x><y>1.0</y></point></position>", ""),
         &["staticObstacle 30", "position"],
     );
-    refused(&with("<point><x>1000041.0</x><y>4.0</y></point>", ""), &["polygon", "2 point(s)"]);
-    refused(&with("<x>1000040.0</x><y>6.0</y>", "<x>1000045.0</x><y>4.0</y>"), &["polygon", "around an area"]);
+    refused_element(&with("<point><x>1000041.0</x><y>4.0</y></point>", ""), &["polygon", "2 point(s)"]);
+    refused_element(&with("<x>1000040.0</x><y>6.0</y>", "<x>1000045.0</x><y>4.0</y>"), &["polygon", "around an area"]);
 }
 
 #[test]
-fn a_lanelet_longer_than_any_road_is_refused() {
-    refused(&with("<x>1000100.0</x><y>0.0</y>", "<x>9000000.0</x><y>0.0</y>"), &["rightBound", "7999950 m", "100 km"]);
+fn refuses_a_lanelet_of_8000_km() {
+    refused_element(
+        &with("<x>1000100.0</x><y>0.0</y>", "<x>9000000.0</x><y>0.0</y>"),
+        &["rightBound", "7999950 m", "100 km"],
+    );
 }
 
 #[test]
-fn a_problem_without_its_parts_is_refused() {
-    refused(&with("<exact>8.0</exact>", ""), &["planningProblem 40", "exact, or intervalStart"]);
-    refused(&with("<orientation><exact>0.01</exact></orientation>", ""), &["planningProblem 40", "orientation"]);
-    refused(&with("<velocity><exact>8.0</exact></velocity>", ""), &["planningProblem 40", "velocity"]);
-    refused(&with("<exact>8.0</exact>", "<exact>-1e9</exact>"), &["planningProblem 40", "-1000000000", "150 m/s"]);
-    refused(&with("<time><exact>60</exact></time>", ""), &["goalState", "time"]);
-    refused(
+fn refuses_an_incomplete_planning_problem() {
+    refused_element(&with("<exact>8.0</exact>", ""), &["planningProblem 40", "exact, or intervalStart"]);
+    refused_element(
+        &with("<orientation><exact>0.01</exact></orientation>", ""),
+        &["planningProblem 40", "orientation"],
+    );
+    refused_element(&with("<velocity><exact>8.0</exact></velocity>", ""), &["planningProblem 40", "velocity"]);
+    refused_element(
+        &with("<exact>8.0</exact>", "<exact>-1e9</exact>"),
+        &["planningProblem 40", "-1000000000", "150 m/s"],
+    );
+    refused_element(&with("<time><exact>60</exact></time>", ""), &["goalState", "time"]);
+    refused_element(
         &with("<intervalEnd>80</intervalEnd>", "<intervalEnd>8</intervalEnd>"),
         &["20", "8", "end before it starts"],
     );
-    refused(&with("<lanelet ref=\"2\"/>", "<lanelet ref=\"77\"/>"), &["goalState, position", "none of the lanelets"]);
-    refused(
+    refused_element(
+        &with("<lanelet ref=\"2\"/>", "<lanelet ref=\"77\"/>"),
+        &["goalState, position", "refers to lanelet(s) 77"],
+    );
+    refused_element(
         &with("<lanelet ref=\"2\"/>", "<point><x>1</x><y>2</y></point>"),
         &["point", "rectangle, circle or polygon"],
     );
-    refused(&with("<planningProblem id=\"40\">", "<planningProblem>"), &["planningProblem", "id"]);
+    refused_element(&with("<planningProblem id=\"40\">", "<planningProblem>"), &["planningProblem", "id"]);
 }
 
 #[test]
-fn two_elements_of_one_id_are_refused_unless_both_can_be_kept() {
-    refused(&with("<lanelet id=\"3\">", "<lanelet id=\"1\">"), &["lanelet 1", "already taken"]);
-    let s = noted(&with("<environmentObstacle id=\"33\">", "<environmentObstacle id=\"30\">"), &["already taken"]);
+fn refuses_two_lanelets_but_not_two_obstacles_with_one_id() {
+    refused_element(&with("<lanelet id=\"3\">", "<lanelet id=\"1\">"), &["small.xml:32: lanelet 1", "that of line 4"]);
+    let s = noted(&with("<environmentObstacle id=\"33\">", "<environmentObstacle id=\"30\">"), &["has the same id"]);
     assert_eq!(s.obstacles.len(), 5);
 }
 
 #[test]
-fn dangling_references_are_left_out_and_noted() {
+fn notes_an_id_that_a_lanelet_and_an_obstacle_share() {
+    let s = noted(&with("<staticObstacle id=\"30\">", "<staticObstacle id=\"2\">"), &["line 17 has the same id"]);
+    assert_eq!((s.issues.len(), s.issues[0].line as usize), (1, line_of("<staticObstacle id=\"30\">")));
+    assert_eq!(
+        s.issues[0].to_string(),
+        "line 54: staticObstacle 2: the lanelet in line 17 has the same id; both are kept"
+    );
+    assert_eq!((s.network.lanelets.len(), s.obstacles.len()), (3, 5));
+}
+
+#[test]
+fn leaves_out_dangling_references_with_an_issue() {
     let s = noted(
         &with("<successor ref=\"2\"/>", "<successor ref=\"99\"/><successor ref=\"2\"/><successor ref=\"2\"/>"),
-        &["lanelet 1: names successor 99"],
+        &["lanelet 1: refers to successor 99"],
     );
     assert_eq!(s.network.lanelets[&1].successors, [2]);
     assert_eq!(s.issues[0].line, 4);
@@ -441,14 +487,14 @@ fn dangling_references_are_left_out_and_noted() {
 }
 
 #[test]
-fn unknown_things_are_noted_and_skipped() {
+fn skips_unknown_elements_with_an_issue() {
     noted(&with("<scenarioTags>", "<weather/><scenarioTags>"), &["line 3: weather: unknown element"]);
     noted(&with("<type>car</type>", "<type>hovercraft</type><engine/>"), &["hovercraft", "dynamicObstacle 31, engine"]);
-    noted(&with("drivingDir=\"opposite\"", "drivingDir=\"up\""), &["taken as opposite"]);
+    noted(&with("drivingDir=\"opposite\"", "drivingDir=\"up\""), &["assumed opposite"]);
 }
 
 #[test]
-fn uncertain_states_are_reduced_to_their_middle_and_noted() {
+fn reduces_uncertain_states_to_their_middle_with_an_issue() {
     let s = noted(
         &with(
             "<point><x>1000001.0</x><y>1.75</y></point>",
@@ -467,7 +513,7 @@ fn uncertain_states_are_reduced_to_their_middle_and_noted() {
 }
 
 #[test]
-fn an_obstacle_that_nobody_predicts_stands_where_it_is() {
+fn an_obstacle_without_prediction_stands_still() {
     let start = SMALL.find("<trajectory>").unwrap();
     let end = SMALL.find("</trajectory>").unwrap() + "</trajectory>".len();
     let s = noted(&format!("{}{}", &SMALL[..start], &SMALL[end..]), &["dynamicObstacle 31: has no prediction"]);
@@ -475,7 +521,7 @@ fn an_obstacle_that_nobody_predicts_stands_where_it_is() {
 }
 
 #[test]
-fn states_out_of_order_are_sorted_and_missing_headings_follow_the_motion() {
+fn sorts_states_and_derives_missing_headings_from_the_motion() {
     let swapped = SMALL.replace("<exact>3</exact>", "<exact>9</exact>");
     let s = noted(&swapped, &["not in order of time"]);
     let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
@@ -486,15 +532,18 @@ fn states_out_of_order_are_sorted_and_missing_headings_follow_the_motion() {
     let headless = with(state, "<x>1000002.0</x><y>0.75</y></point></position>");
     let s = noted(&headless, &["1 states have no orientation"]);
     let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
-    assert!((states[1].pose.yaw - FRAC_PI_2).abs() < 1e-9, "it moves straight up to the next state");
+    assert!((states[1].pose.yaw - FRAC_PI_2).abs() < 1e-9, "the next state is in y direction");
 
-    let s = noted(&with("<exact>3</exact>", "<exact>2</exact>"), &["elsewhere than another one of the same time"]);
+    let s = noted(
+        &with("<exact>3</exact>", "<exact>2</exact>"),
+        &["contradict the position of another state at the same time"],
+    );
     let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
-    assert_eq!(states[0].pose.position.x, 1_000_000.0, "the initial state wins");
+    assert_eq!(states[0].pose.position.x, 1_000_000.0, "the initial state is kept");
 }
 
 #[test]
-fn speeds_that_contradict_the_positions_are_replaced() {
+fn replaces_speeds_that_contradict_the_positions() {
     let s = noted(&SMALL.replace("<velocity><exact>10.0", "<velocity><exact>17.0"), &["3 speeds contradict"]);
     let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
     assert!(states.iter().all(|s| (s.speed - 10.0).abs() < 1e-6), "{states:?}");
@@ -503,13 +552,13 @@ fn speeds_that_contradict_the_positions_are_replaced() {
 }
 
 #[test]
-fn sets_of_single_steps_leave_no_gap_and_intervals_that_touch_are_kept() {
-    let widened = super::obstacle::without_gaps(&[(0.0, 0.0), (1.0, 1.0), (1.0, 1.0), (4.0, 6.0), (6.0, 7.0)]);
-    assert_eq!(widened, [(0.0, 1.0), (0.0, 4.0), (0.0, 4.0), (1.0, 6.0), (6.0, 7.0)]);
+fn extends_sets_of_single_steps_over_gaps_but_not_adjacent_intervals() {
+    let extended = super::obstacle::without_gaps(&[(0.0, 0.0), (1.0, 1.0), (1.0, 1.0), (4.0, 6.0), (6.0, 7.0)]);
+    assert_eq!(extended, [(0.0, 1.0), (0.0, 4.0), (0.0, 4.0), (1.0, 6.0), (6.0, 7.0)]);
 }
 
 #[test]
-fn bombs_and_towers_are_refused_or_read_in_time() {
+fn reads_or_refuses_pathological_files_in_bounded_time() {
     let bomb = "<!DOCTYPE x [<!ENTITY a \"aaaaaaaaaa\"><!ENTITY b \"&a;&a;&a;\">]><commonRoad>&b;</commonRoad>";
     refused(bomb, &["not XML"]);
     let tower = format!("{}{}", "<a>".repeat(200_000), "</a>".repeat(200_000));
@@ -525,7 +574,7 @@ fn bombs_and_towers_are_refused_or_read_in_time() {
 }
 
 #[test]
-fn a_byte_order_mark_and_comments_do_no_harm() {
+fn accepts_a_byte_order_mark_and_comments() {
     let s = read(&format!("\u{feff}{SMALL}")).unwrap();
     assert_eq!(s.issues, []);
     let s = read(&with("<exact>8.0</exact>", "<exact><!-- m/s --> 8<!-- and -->.5 </exact>")).unwrap();
@@ -533,7 +582,7 @@ fn a_byte_order_mark_and_comments_do_no_harm() {
 }
 
 #[test]
-fn a_utf16_or_compressed_scenario_is_read() {
+fn reads_utf16_and_compressed_scenarios() {
     let utf16: Vec<u8> = SMALL.encode_utf16().flat_map(u16::to_le_bytes).collect();
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     std::io::Write::write_all(&mut gzip, &utf16).unwrap();
@@ -544,7 +593,7 @@ fn a_utf16_or_compressed_scenario_is_read() {
 }
 
 #[test]
-fn files_that_cannot_be_read_say_why() {
+fn names_a_file_that_cannot_be_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("none.xml");
     let error = super::read_file(&path).unwrap_err();
@@ -555,6 +604,90 @@ fn files_that_cannot_be_read_say_why() {
     assert!(error.to_string().contains("none.xml:2: not text: byte 0xff"), "{error}");
     std::fs::write(&path, SMALL).unwrap();
     assert_eq!(super::read_file(&path).unwrap().obstacles.len(), 5);
+}
+
+/// The places of all errors: "line: element".
+fn places(text: &str) -> Vec<String> {
+    let ReadError::Elements(errors) = read(text).expect_err("must be refused") else { panic!("not of elements") };
+    assert_eq!(errors.total(), errors.first().len());
+    errors.first().iter().map(|e| format!("{}: {}", e.place().line, e.place().element)).collect()
+}
+
+#[test]
+fn reports_all_errors_in_order_of_their_lines() {
+    let edits = [
+        ("timeStepSize=\"0.1\"", "timeStepSize=\"fast\""),
+        ("<x>1000000.0</x><y>3.5</y>", "<x>NaN</x>"),
+        ("<successor ref=\"2\"/>", "<successor ref=\"two\"/>"),
+        ("<additionalValue>13.89</additionalValue>", "<additionalValue>fast</additionalValue>"),
+        ("<duration>30</duration>", ""),
+        ("<length>4.5</length><width>1.8</width>", "<length>0</length>"),
+        ("<exact>0.25</exact>", "<exact>east</exact>"),
+        ("<dynamicObstacle id=\"31\">", "<dynamicObstacle>"),
+        ("<x>1000001.0</x>", "<x>?</x>"),
+        ("<y>6.0</y>", "<y></y>"),
+        ("<velocity><exact>8.0</exact></velocity>", ""),
+        ("<intervalStart>20</intervalStart>", "<intervalStart>2.5</intervalStart>"),
+        ("<exact>60</exact>", ""),
+    ];
+    let text = edits.iter().fold(SMALL.to_owned(), |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    });
+    assert_eq!(
+        places(&text),
+        [
+            "2: commonRoad",
+            "6: lanelet 1, leftBound, point",
+            "6: lanelet 1, leftBound, point, x",
+            "13: lanelet 1, successor",
+            "44: trafficSign 10, trafficSignElement, additionalValue",
+            "49: trafficLight 20, cycle, cycleElement",
+            "56: staticObstacle 30, shape, rectangle",
+            "56: staticObstacle 30, shape, rectangle, length",
+            "59: staticObstacle 30, initialState, orientation, exact",
+            "63: dynamicObstacle",
+            "74: dynamicObstacle, trajectory, state, position, point, x",
+            "96: dynamicObstacle 32, occupancySet, occupancy, shape, polygon, point, y",
+            "118: planningProblem 40, initialState",
+            "128: planningProblem 40, goalState, time, intervalStart",
+            "134: planningProblem 40, goalState, time",
+        ]
+    );
+    let message = read(&text).unwrap_err().to_string();
+    assert_eq!(message.lines().count(), 15);
+    assert!(message.lines().all(|line| line.starts_with("small.xml:")), "{message}");
+}
+
+#[test]
+fn an_error_has_no_consequential_errors() {
+    // lanelet 2 is the goal of the planning problem, and the successor of lanelet 1
+    assert_eq!(places(&with("<y>0.0</y></point>\n      <point><x>1000100.0</x>", "")), ["22: lanelet 2, rightBound"]);
+    assert_eq!(places(&with("<lanelet id=\"2\">", "<lanelet id=\"two\">")), ["17: lanelet two"]);
+    assert_eq!(places(&with("<lanelet id=\"2\">", "<lanelet>")), ["17: lanelet"]);
+    // a planning problem with an error is one, an unknown shape is one
+    assert_eq!(
+        places(&with("<initialState>", "<initialstate>").replacen("</initialState>", "</initialstate>", 1)),
+        ["54: staticObstacle 30"]
+    );
+    assert_eq!(places(&with("<planningProblem id=\"40\">", "<planningProblem id=\"x\">")), ["117: planningProblem x"]);
+    assert_eq!(
+        places(&with("<circle><radius>0.4</radius></circle>", "<blob/>")),
+        ["84: dynamicObstacle 32, shape, blob"]
+    );
+}
+
+#[test]
+fn prints_the_first_errors_and_the_number_of_the_others() {
+    let state = "<state><position><point><x>?</x></point></position><time/></state>\n";
+    let text = with("<trajectory>", &format!("<trajectory>\n{}", state.repeat(5000)));
+    let ReadError::Elements(errors) = read(&text).unwrap_err() else { panic!() };
+    assert_eq!((errors.total(), errors.first().len()), (15_000, 1000));
+    let lines: Vec<u32> = errors.first().iter().map(|e| e.place().line).collect();
+    assert!(lines.is_sorted() && lines[0] == 73 && lines[999] == 73 + 999 / 3, "{lines:?}");
+    let message = errors.to_string();
+    assert_eq!(message.lines().count(), 21);
+    assert!(message.ends_with("\n… and 14980 more"), "{message}");
 }
 
 /// One careless edit of a text: bytes cut out, doubled, or replaced; elements cut out or doubled.
@@ -614,8 +747,8 @@ fn apply(text: &str, edit: &Edit) -> String {
     }
 }
 
-/// What holds of every scenario that the reader lets through.
-fn is_sound(s: &Scenario) {
+/// Checks the guarantees of the reader.
+fn assert_valid(s: &Scenario) {
     assert!(s.time_step > 0.0 && s.time_step.is_finite());
     assert!(!s.problems.is_empty());
     for l in s.network.lanelets.values() {
@@ -629,7 +762,7 @@ fn is_sound(s: &Scenario) {
         assert!(from <= to, "obstacle {} lives from {from} to {to}", o.id);
         for t in [from, f64::midpoint(from, to), to, 0.25] {
             if (from..=to).contains(&t) {
-                assert!(!o.occupied_at(t).is_empty(), "obstacle {} is nowhere at {t}", o.id);
+                assert!(!o.occupied_at(t).is_empty(), "obstacle {} has no position at {t}", o.id);
             }
         }
         if let Motion::Trajectory(states) = &o.motion {
@@ -647,10 +780,10 @@ fn is_sound(s: &Scenario) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
     #[test]
-    fn careless_edits_never_panic_and_never_pass_something_unsound(edits in edits()) {
+    fn random_edits_never_panic_and_never_give_an_invalid_scenario(edits in edits()) {
         let text = edits.iter().fold(SMALL.to_owned(), |text, edit| if text.is_empty() { text } else { apply(&text, edit) });
         match read(&text) {
-            Ok(scenario) => is_sound(&scenario),
+            Ok(scenario) => assert_valid(&scenario),
             Err(error) => prop_assert!(error.to_string().starts_with("small.xml")),
         }
     }

@@ -1,8 +1,8 @@
-//! Small steps through the XML tree that know how to complain: file, line, element, what was expected.
+//! Typed access to the XML tree. Every accessor reports what is missing or invalid: file, line, element, expected value.
 
 use std::borrow::Cow;
 
-use super::error::{Place, ReadError};
+use super::error::{ElementError, ElementErrors, Place};
 use crate::geometry::Point;
 use crate::map::Issue;
 
@@ -12,31 +12,54 @@ pub(super) type Node<'a> = roxmltree::Node<'a, 'a>;
 /// resolves a micrometre.
 const MAX_MAGNITUDE: f64 = 1e9;
 
-/// The text being read: knows lines, collects issues.
+/// Proof that an error has been reported: only [`Source::report`] makes one. A caller that gets it skips its element and
+/// reports nothing more about it.
+#[derive(Debug)]
+pub(super) struct Reported(());
+
+/// A value, or the proof that the error has been reported.
+pub(super) type Read<T> = Result<T, Reported>;
+
+/// The values, if all could be read. Every item is examined, so that all errors are reported.
+pub(super) fn all<T>(items: impl Iterator<Item = Read<T>>) -> Read<Vec<T>> {
+    let mut failure = None;
+    let mut values = Vec::new();
+    for item in items {
+        match item {
+            Ok(value) => values.push(value),
+            Err(reported) => failure = Some(reported),
+        }
+    }
+    failure.map_or(Ok(values), Err)
+}
+
+/// The text being read, with the errors and issues found in it so far.
 pub(super) struct Source {
     file: String,
     /// Byte at which each line starts. The tree's own look-up counts from the top each time.
     line_starts: Vec<usize>,
+    errors: ElementErrors,
     issues: Vec<Issue>,
 }
 
 impl Source {
     pub(super) fn new(file: &str, text: &str) -> Self {
         let line_starts = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1)).collect();
-        Self { file: file.to_owned(), line_starts, issues: Vec::new() }
+        Self { file: file.to_owned(), line_starts, errors: ElementErrors::none(), issues: Vec::new() }
     }
 
     pub(super) fn file(&self) -> &str {
         &self.file
     }
 
-    pub(super) fn take_issues(&mut self) -> Vec<Issue> {
-        let mut issues = std::mem::take(&mut self.issues);
-        issues.sort_by_key(|i| i.line);
-        issues
+    /// The issues in order of their lines, or the errors if there are any.
+    pub(super) fn finish(mut self) -> Result<Vec<Issue>, ElementErrors> {
+        self.errors.sort();
+        self.issues.sort_by_key(|issue| issue.line);
+        if self.errors.total() > 0 { Err(self.errors) } else { Ok(self.issues) }
     }
 
-    fn line(&self, node: Node) -> u32 {
+    pub(super) fn line(&self, node: Node) -> u32 {
         let line = self.line_starts.partition_point(|&start| start <= node.range().start);
         u32::try_from(line).unwrap_or(u32::MAX)
     }
@@ -45,13 +68,36 @@ impl Source {
         Place { file: self.file.clone(), line: self.line(node), element: describe(node) }
     }
 
-    /// Notes something that was repaired or left out.
+    /// Reports an error.
+    pub(super) fn report(&mut self, error: ElementError) -> Reported {
+        self.errors.push(error);
+        Reported(())
+    }
+
+    pub(super) fn missing(&mut self, node: Node, expected: &'static str) -> Reported {
+        let place = self.place(node);
+        self.report(ElementError::Missing { place, expected })
+    }
+
+    pub(super) fn bad_value(&mut self, node: Node, found: &str, expected: &'static str) -> Reported {
+        /// Longest excerpt of a wrong value in a message, characters.
+        const EXCERPT: usize = 40;
+        let place = self.place(node);
+        self.report(ElementError::BadValue { place, found: found.chars().take(EXCERPT).collect(), expected })
+    }
+
+    pub(super) fn bad_points(&mut self, node: Node, found: usize, expected: &'static str) -> Reported {
+        let place = self.place(node);
+        self.report(ElementError::BadPoints { place, found, expected })
+    }
+
+    /// Adds an issue: something that the reader repaired or left out.
     pub(super) fn note(&mut self, node: Node, message: impl Into<String>) {
         let issue = Issue { line: self.line(node), element: describe(node), message: message.into() };
         self.issues.push(issue);
     }
 
-    /// Notes the children whose names are not in `known`.
+    /// Adds an issue for each child whose name is not in `known`.
     pub(super) fn note_unknown(&mut self, node: Node, known: &[&str]) {
         for child in node.children().filter(Node::is_element) {
             if !known.contains(&child.tag_name().name()) {
@@ -60,63 +106,79 @@ impl Source {
         }
     }
 
-    pub(super) fn missing(&self, node: Node, expected: &'static str) -> ReadError {
-        ReadError::Missing { place: self.place(node), expected }
-    }
-
-    pub(super) fn bad_value(&self, node: Node, found: &str, expected: &'static str) -> ReadError {
-        /// Longest excerpt of a wrong value in a message, characters.
-        const EXCERPT: usize = 40;
-        ReadError::BadValue { place: self.place(node), found: found.chars().take(EXCERPT).collect(), expected }
-    }
-
-    pub(super) fn attribute<'a>(&self, node: Node<'a>, name: &'static str) -> Result<&'a str, ReadError> {
+    pub(super) fn attribute<'a>(&mut self, node: Node<'a>, name: &'static str) -> Read<&'a str> {
         node.attribute(name).ok_or_else(|| self.missing(node, name))
     }
 
     /// The integer in an attribute: `id` or `ref`.
-    pub(super) fn id(&self, node: Node, name: &'static str) -> Result<i64, ReadError> {
+    pub(super) fn id(&mut self, node: Node, name: &'static str) -> Read<i64> {
         let text = self.attribute(node, name)?;
-        text.trim().parse().map_err(|_| self.bad_value(node, text, "an integer id"))
+        text.trim().parse().map_err(|_| {
+            let expected = if name == "ref" { "an integer in ref" } else { "an integer in id" };
+            self.bad_value(node, text, expected)
+        })
     }
 
-    pub(super) fn child<'a>(&self, node: Node<'a>, name: &'static str) -> Result<Node<'a>, ReadError> {
+    /// A required child.
+    pub(super) fn child<'a>(&mut self, node: Node<'a>, name: &'static str) -> Read<Node<'a>> {
         child(node, name).ok_or_else(|| self.missing(node, name))
     }
 
+    /// The value of an optional child.
+    pub(super) fn optional<T>(
+        &mut self,
+        node: Node,
+        name: &str,
+        read: impl FnOnce(&mut Self, Node) -> Read<T>,
+    ) -> Read<Option<T>> {
+        child(node, name).map(|n| read(self, n)).transpose()
+    }
+
+    /// The value of a required child.
+    pub(super) fn required<T>(
+        &mut self,
+        node: Node,
+        name: &'static str,
+        read: impl FnOnce(&mut Self, Node) -> Read<T>,
+    ) -> Read<T> {
+        let child = self.child(node, name)?;
+        read(self, child)
+    }
+
     /// The finite number that is the element's text.
-    pub(super) fn number(&self, node: Node) -> Result<f64, ReadError> {
+    pub(super) fn number(&mut self, node: Node) -> Read<f64> {
         let text = text(node);
         let number = text.trim().parse::<f64>().ok().filter(|x| x.abs() <= MAX_MAGNITUDE);
         number.ok_or_else(|| self.bad_value(node, &text, "a finite number of at most 1e9"))
     }
 
     /// A number above zero.
-    pub(super) fn positive(&self, node: Node) -> Result<f64, ReadError> {
+    pub(super) fn positive(&mut self, node: Node) -> Read<f64> {
         let number = self.number(node)?;
         if number > 0.0 { Ok(number) } else { Err(self.bad_value(node, &text(node), "a number above 0")) }
     }
 
     /// A whole number, also when written `3.0`.
-    pub(super) fn integer(&self, node: Node) -> Result<i64, ReadError> {
+    pub(super) fn integer(&mut self, node: Node) -> Read<i64> {
         let number = self.number(node)?;
         #[allow(clippy::cast_possible_truncation)] // whole and at most MAX_MAGNITUDE
         if number.fract() == 0.0 { Ok(number as i64) } else { Err(self.bad_value(node, &text(node), "a whole number")) }
     }
 
-    /// The point in an element with `<x>` and `<y>`; a `<z>` is not looked at.
-    pub(super) fn point(&self, node: Node) -> Result<Point, ReadError> {
-        Ok(Point::new(self.number(self.child(node, "x")?)?, self.number(self.child(node, "y")?)?))
+    /// The point in an element with `<x>` and `<y>`. A `<z>` is ignored.
+    pub(super) fn point(&mut self, node: Node) -> Read<Point> {
+        let (x, y) = (self.required(node, "x", Self::number), self.required(node, "y", Self::number));
+        Ok(Point::new(x?, y?))
     }
 
     /// All `<point>` children.
-    pub(super) fn points(&self, node: Node) -> Result<Vec<Point>, ReadError> {
-        children(node, "point").map(|p| self.point(p)).collect()
+    pub(super) fn points(&mut self, node: Node) -> Read<Vec<Point>> {
+        all(children(node, "point").map(|p| self.point(p)))
     }
 
     /// The ids in the `ref` attributes of the children of that name.
-    pub(super) fn references(&self, node: Node, name: &'static str) -> Result<Vec<i64>, ReadError> {
-        children(node, name).map(|r| self.id(r, "ref")).collect()
+    pub(super) fn references(&mut self, node: Node, name: &'static str) -> Read<Vec<i64>> {
+        all(children(node, name).map(|r| self.id(r, "ref")))
     }
 }
 
@@ -130,17 +192,22 @@ pub(super) fn children<'a>(node: Node<'a>, name: &str) -> impl Iterator<Item = N
     node.children().filter(move |n| n.is_element() && n.tag_name().name() == name)
 }
 
-/// The text of an element, comments left out.
+/// The text of an element without its comments.
 pub(super) fn text<'a>(node: Node<'a>) -> Cow<'a, str> {
     let mut texts = node.children().filter(Node::is_text).filter_map(|t| t.text());
     let first = texts.next().unwrap_or("");
-    let rest: String = texts.collect();
-    if rest.is_empty() { Cow::Borrowed(first) } else { Cow::Owned(format!("{first}{rest}")) }
+    let others: String = texts.collect();
+    if others.is_empty() { Cow::Borrowed(first) } else { Cow::Owned(format!("{first}{others}")) }
 }
 
-/// The element and those around it below the root, outermost first: `lanelet 12, leftBound`.
+/// The trimmed text of a child, if it is there.
+pub(super) fn child_text(node: Node, name: &str) -> Option<String> {
+    child(node, name).map(|n| text(n).trim().to_owned())
+}
+
+/// The element and its ancestors below the root, outermost first: `lanelet 12, leftBound`.
 fn describe(node: Node) -> String {
-    /// Elements named at most; no known element lies deeper.
+    /// Most elements named; no known element lies deeper.
     const DEPTH: usize = 8;
     let name = |n: Node| match n.attribute("id") {
         Some(id) => format!("{} {id}", n.tag_name().name()),

@@ -1,4 +1,4 @@
-//! What is checked before `urdf-rs` reads the file: its messages name neither line nor element.
+//! Checks a URDF before `urdf-rs` reads it: the messages of `urdf-rs` name neither line nor element.
 
 use std::path::Path;
 
@@ -6,10 +6,11 @@ use roxmltree::{Document, Node};
 
 use crate::vehicle::VehicleError;
 
-/// Elements nest a handful deep in a URDF. The reader behind `urdf-rs` is recursive: deeper files would cost the stack.
+/// Largest nesting depth of elements. A URDF needs about six; the parser behind `urdf-rs` is recursive, so a deeper file
+/// could overflow the stack.
 const MAX_DEPTH: usize = 64;
 
-/// Attributes that are numbers: element, attribute, how many, whether it has to be there.
+/// Numeric attributes: element, attribute, how many numbers, whether it is required.
 const NUMBERS: [(&str, &str, usize, bool); 21] = [
     ("mass", "value", 1, true),
     ("inertia", "ixx", 1, true),
@@ -34,7 +35,7 @@ const NUMBERS: [(&str, &str, usize, bool); 21] = [
     ("mesh", "scale", 3, false),
 ];
 
-/// Attributes that are names and have to be there: element, attribute.
+/// Required attributes with names: element, attribute.
 const NAMES: [(&str, &str); 6] = [
     ("link", "name"),
     ("joint", "name"),
@@ -44,7 +45,7 @@ const NAMES: [(&str, &str); 6] = [
     ("mesh", "filename"),
 ];
 
-/// Elements that have to be within another: the outer, the inner.
+/// Required children: element, child.
 const PARTS: [(&str, &str); 6] = [
     ("joint", "parent"),
     ("joint", "child"),
@@ -57,8 +58,8 @@ const PARTS: [(&str, &str); 6] = [
 /// Types of joints.
 const JOINTS: [&str; 7] = ["revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical"];
 
-/// Checks what `urdf-rs` takes for granted, and returns the names of the links that have an inertial element (absent
-/// ones are indistinguishable from zeros afterwards).
+/// Checks the structure that `urdf-rs` assumes. Returns the names of the links with an inertial element: `urdf-rs` replaces
+/// a missing one by zeros.
 pub(super) fn check(file: &Path, text: &str) -> Result<Vec<String>, VehicleError> {
     let not_urdf = |message: String| VehicleError::NotUrdf { file: file.to_owned(), message };
     let document = roxmltree::Document::parse(text)
@@ -85,7 +86,7 @@ pub(super) fn check(file: &Path, text: &str) -> Result<Vec<String>, VehicleError
     Ok(links.filter_map(|n| n.attribute("name").map(str::to_owned)).collect())
 }
 
-/// Checks what has to be on one element of a link or joint.
+/// Checks the attributes and children of an element of a link or joint.
 fn check_element(file: &Path, document: &Document<'_>, node: Node<'_, '_>) -> Result<(), VehicleError> {
     let tag = node.tag_name().name();
     let wrong = |found: String, expected: &'static str| {
@@ -97,10 +98,10 @@ fn check_element(file: &Path, document: &Document<'_>, node: Node<'_, '_>) -> Re
             expected,
         })
     };
-    for (_, attribute, count, is_needed) in NUMBERS.iter().filter(|(element, ..)| *element == tag) {
+    for (_, attribute, count, is_required) in NUMBERS.iter().filter(|(element, ..)| *element == tag) {
         let expected = if *count == 1 { "a number" } else { "three numbers" };
         match node.attribute(*attribute) {
-            None if *is_needed => return wrong(format!("no {attribute}"), expected),
+            None if *is_required => return wrong(format!("no {attribute}"), expected),
             None => {}
             Some(text) => {
                 let words: Vec<&str> = text.split_whitespace().collect();
@@ -117,7 +118,7 @@ fn check_element(file: &Path, document: &Document<'_>, node: Node<'_, '_>) -> Re
     }
     for (_, part) in PARTS.iter().filter(|(outer, _)| *outer == tag) {
         if !node.children().any(|child| child.has_tag_name(*part)) {
-            return wrong(format!("no <{part}>"), "this element in it");
+            return wrong(format!("no <{part}>"), "this child");
         }
     }
     match node.attribute("type").filter(|kind| tag == "joint" && !JOINTS.contains(kind)) {
@@ -128,7 +129,7 @@ fn check_element(file: &Path, document: &Document<'_>, node: Node<'_, '_>) -> Re
     }
 }
 
-/// An element with those around it: `link base_link, inertial, mass`.
+/// An element with its ancestors: `link base_link, inertial, mass`.
 fn path_of(node: Node<'_, '_>) -> String {
     let name = |n: Node<'_, '_>| match n.attribute("name") {
         Some(name) => format!("{} {name}", n.tag_name().name()),
