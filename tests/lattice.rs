@@ -8,7 +8,7 @@ use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld}
 use stopline::fixtures;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
-use stopline::lattice::{EdgeStore, Found, LatticeContext, LatticePath, Root, Settings, search};
+use stopline::lattice::{EdgeStore, LatticeContext, LatticePath, Root, SearchResult, Settings, search};
 use stopline::map::{Lanelet, Motion, Neighbour, Obstacle};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 
@@ -28,7 +28,7 @@ fn parked(id: i64, x: f64, y: f64, (length, width): (f64, f64)) -> Obstacle {
 }
 
 /// What the lattice finds on lanelet 1, from a rear-axle pose at a speed.
-fn found(lanelets: Vec<Lanelet>, obstacles: &[Obstacle], start: Pose, speed: f64, horizon: f64) -> Found {
+fn found(lanelets: Vec<Lanelet>, obstacles: &[Obstacle], start: Pose, speed: f64, horizon: f64) -> SearchResult {
     found_as_if(lanelets, obstacles, start, (speed, speed), horizon)
 }
 
@@ -39,7 +39,7 @@ fn found_as_if(
     start: Pose,
     (speed, driven): (f64, f64),
     horizon: f64,
-) -> Found {
+) -> SearchResult {
     let scenario = fixtures::scenario(fixtures::network(lanelets), obstacles.to_vec());
     let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
     let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0).unwrap();
@@ -82,7 +82,7 @@ fn slalom(mirrored: bool) -> Vec<Obstacle> {
     [(1, 40.0, 1.5), (2, 65.0, -1.5), (3, 90.0, 1.5)].map(|(id, x, y)| parked(id, x, side * y, CAR)).to_vec()
 }
 
-fn best_free(found: &Found) -> Option<&LatticePath> {
+fn best_free(found: &SearchResult) -> Option<&LatticePath> {
     found.paths.iter().find(|p| p.blocked_by.is_none())
 }
 
@@ -140,11 +140,11 @@ fn lateral(path: &LatticePath, speed: f64) -> f64 {
 const CHANGES: [(f64, f64); 2] = [(8.0, 60.0), (14.0, 90.0)];
 const LORRY: (f64, f64) = (10.0, 2.5);
 
-fn lane_change(speed: f64, lorry: &Obstacle) -> Found {
+fn lane_change(speed: f64, lorry: &Obstacle) -> SearchResult {
     lane_change_as_if(speed, speed, lorry)
 }
 
-fn lane_change_as_if(driven: f64, layers_of: f64, lorry: &Obstacle) -> Found {
+fn lane_change_as_if(driven: f64, layers_of: f64, lorry: &Obstacle) -> SearchResult {
     found_as_if(two_lanes(), std::slice::from_ref(lorry), Pose::new(8.0, 0.0, 0.0), (layers_of, driven), 120.0)
 }
 
@@ -168,7 +168,7 @@ fn a_lane_change_ends_in_the_middle_of_the_other_lane_before_what_blocks_this_on
 }
 
 /// What is offered: end, lateral acceleration at a speed, what blocks it.
-fn offered(found: &Found, speed: f64) -> Vec<(f64, f64, Option<Blocker>)> {
+fn offered(found: &SearchResult, speed: f64) -> Vec<(f64, f64, Option<Blocker>)> {
     found.paths.iter().map(|p| (p.end_offset, lateral(p, speed), p.blocked_by)).collect()
 }
 

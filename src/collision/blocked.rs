@@ -1,25 +1,25 @@
-//! Blocked intervals: the ST graph that the speed search reads.
+//! Blocked intervals: the station–time graph for the speed search.
 
 use std::ops::Range;
 
 use super::swept::Sweep;
 
-/// A time interval in which an obstacle is where the vehicle would be.
+/// A time interval in which an obstacle blocks a station cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlockedInterval {
     /// Start, s since time step 0 of the file.
     pub from: f64,
     /// End, s.
     pub to: f64,
-    /// The obstacle; when several block at once, the one with the lowest id.
+    /// Id of the obstacle; the lowest one if several block at once.
     pub obstacle: i64,
 }
 
-/// Which station cells are blocked when, along sweeps that follow one another. Being in cell `i` means that the rear
-/// axle is anywhere between `stations()[i]` and `stations()[i + 1]`.
+/// The blocked times of each station cell on consecutive sweeps. The vehicle is in cell `i` while its rear axle is between
+/// `stations()[i]` and `stations()[i + 1]`.
 ///
-/// Intervals are whole time slices. At an instant where one ends and nothing follows, both sides of the instant are
-/// covered by the neighbouring slices' own regions, so intervals that only touch do not conflict.
+/// Intervals consist of whole time slices. The region of a slice covers both of its ends, so that intervals that only touch
+/// do not conflict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BlockedGrid {
     /// Cell limits, m from the start of the first sweep.
@@ -43,7 +43,7 @@ impl BlockedGrid {
         &self.stations
     }
 
-    /// The cells that share a point with the station interval; at a limit between two cells that is both.
+    /// The cells that share a point with the station interval; a limit between two cells belongs to both.
     #[must_use]
     pub fn cells_over(&self, from: f64, to: f64) -> std::ops::Range<usize> {
         let first = self.stations.partition_point(|s| *s < from).saturating_sub(1).min(self.cells());
@@ -82,7 +82,7 @@ impl BlockedGrid {
         self.cells_over(stations.0, stations.1).any(|cell| self.is_blocked(cell, times.0, times.1))
     }
 
-    /// All blocked cells as (station interval, time interval), for pictures.
+    /// All blocked cells as (station interval in m, time interval in s).
     pub fn blocked_cells(&self) -> impl Iterator<Item = ((f64, f64), (f64, f64))> + '_ {
         (0..self.cells()).flat_map(move |cell| {
             let stations = (self.stations[cell], self.stations[cell + 1]);
@@ -90,18 +90,18 @@ impl BlockedGrid {
         })
     }
 
-    /// Whether nothing is blocked.
+    /// Whether no cell is blocked.
     #[must_use]
     pub fn is_free(&self) -> bool {
         self.intervals.is_empty()
     }
 }
 
-/// Cells × slices with the obstacle that blocks each, while a grid is being made.
+/// Table of cells × slices with the obstacle that blocks each, under construction.
 #[derive(Debug)]
 pub(super) struct SliceBits {
     slices: usize,
-    /// Track + 1 by cell and slice; 0 is free.
+    /// Index of the track + 1 by cell and slice; 0 if free.
     by: Vec<u32>,
 }
 
@@ -119,14 +119,14 @@ impl SliceBits {
         self.by[cell * self.slices + slice] = track as u32 + 1;
     }
 
-    /// The runs of slices that the same track blocks, by cell; `first` is the first slice of this table.
+    /// The runs of slices that one track blocks, by cell; `first` is the first slice of the table.
     #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
     pub(super) fn runs(&self, first: usize) -> CellRuns {
         let mut all = CellRuns { starts: vec![0], runs: Vec::new() };
         let free = vec![0; self.slices];
         for row in self.by.chunks_exact(self.slices.max(1)) {
             let mut start = first;
-            // most cells are never blocked: one comparison of memory tells
+            // most cells are never blocked, which one memory comparison decides
             let blocked = if row == free.as_slice() { &row[..0] } else { row };
             for run in blocked.chunk_by(|a, b| a == b) {
                 if run[0] != 0 {
@@ -164,27 +164,27 @@ impl CellRuns {
     }
 }
 
-/// A grid in the making, sweep by sweep.
+/// Builds a grid, sweep by sweep.
 pub(super) struct GridBuilder {
     slice: f64,
-    wanted: Range<usize>,
+    range: Range<usize>,
     grid: BlockedGrid,
 }
 
 impl GridBuilder {
-    /// For slices of length `slice` (s), only the `wanted` ones.
-    pub(super) fn new(slice: f64, wanted: Range<usize>) -> Self {
-        Self { slice, wanted, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
+    /// A builder for slices of length `slice` (s), restricted to a range of slices.
+    pub(super) fn new(slice: f64, range: Range<usize>) -> Self {
+        Self { slice, range, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
     }
 
-    /// Adds the cells of a sweep that begins where the last one ends; `id` names a track's obstacle.
+    /// Adds the cells of a sweep that starts at the end of the last one; `id` maps a track to its obstacle.
     pub(super) fn append(&mut self, sweep: &Sweep, runs: &CellRuns, id: impl Fn(usize) -> i64) {
         let grid = &mut self.grid;
         let before = grid.stations[grid.stations.len() - 1];
         grid.stations.extend(sweep.grid_stations()[1..].iter().map(|s| before + s));
         for cell in 0..sweep.grid_cells() {
             for run in runs.of(cell) {
-                let (from, to) = (run.slices.start.max(self.wanted.start), run.slices.end.min(self.wanted.end));
+                let (from, to) = (run.slices.start.max(self.range.start), run.slices.end.min(self.range.end));
                 if from < to {
                     let (from, to) = (from as f64 * self.slice, to as f64 * self.slice);
                     grid.intervals.push(BlockedInterval { from, to, obstacle: id(run.track) });

@@ -1,23 +1,21 @@
-//! The check of an edge against what does not move, coarse to fine.
+//! Coarse-to-fine check of an edge against the static world.
 //!
 //! # Technique
-//! A block of cells ([`super::course`]) is asked about as a whole first: the hull of the bare body at its two ends,
-//! grown by the bound ε for the block's length, holds the footprints of all its cells. One query of the hierarchies
-//! finds what is near a block's box; what is farther than its margin from the block's hull is dropped, and only where
-//! something is left is the block halved, with that something alone, down to single cells. There the test is the very
-//! one of [`StaticWorld::first_hit`](super::StaticWorld::first_hit). Since the coarse hull holds all that the fine ones
-//! hold and the halves are visited in order, the answer is the same cell and the same blocker, to the bit.
+//! A block of cells ([`super::course`]) is tested as a whole first: the hull of the body without margins at its two ends,
+//! inflated by the bound ε for the length of the block, contains the footprints of all its cells. One query of the hierarchy
+//! selects the pieces near the box of a block; pieces farther than their margin from the hull of the block are dropped. If
+//! any remain, the block is halved and tested with these alone, down to single cells. There the test is that of
+//! [`StaticWorld::first_hit`](super::StaticWorld::first_hit). The coarse hull contains the fine ones and the halves are
+//! visited in order, so that the result is the same cell and the same blocker, to the bit.
 //!
-//! The clearance is measured at the same poses and with the same distances as
-//! [`StaticWorld::clearance`](super::StaticWorld::clearance), but only in blocks whose hull is nearer to something than
-//! the least distance so far.
+//! The clearance uses the same poses and distances as [`StaticWorld::clearance`](super::StaticWorld::clearance), but only in
+//! blocks whose hull is nearer to a piece than the smallest distance so far.
 //!
-//! Frames, corners and hulls are made where they are asked for: on a free way beside the road's edge that is one frame
-//! and one hull for each block.
+//! Frames, corners and hulls are computed on demand: one frame and one hull per block on a free path near the boundary.
 //!
 //! # Weakness
-//! A block that runs along an obstacle or a bound at just its margin is halved everywhere, and costs more than the flat
-//! check. Nothing is kept: what an edge needs for its moving obstacles is a [`super::Sweep`].
+//! A block that follows an obstacle or a bound at exactly its margin is halved everywhere and costs more than the flat check.
+//! Results are not cached; moving obstacles need a [`super::Sweep`].
 
 use std::ops::Range;
 
@@ -28,19 +26,19 @@ use super::convex::{Convex, SweptCorners, boxes_meet};
 use super::course::{Course, Node};
 use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
 use super::swept::{Frame, Margins};
-use super::wide::TurnedBox;
+use super::wide::OrientedBox;
 use super::{Blocker, CollisionWorld, ROUNDING};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 
-/// A spiral or path that is checked against the static world, without its swept footprint.
+/// A check of a spiral or path against the static world, without its swept footprint.
 #[derive(Debug, Clone)]
 pub struct EdgeProbe<'w> {
     world: &'w CollisionWorld,
     course: Course,
     blocks: Vec<Node>,
-    /// What may meet the nodes that are being descended: indices of obstacle pieces and of boundary segments, those of a
-    /// node after those of its parent.
+    /// Candidates of the present nodes: indices of obstacle pieces and of boundary segments, those of a node after those of
+    /// its parent.
     near: Near,
 }
 
@@ -52,7 +50,7 @@ struct Near {
 }
 
 impl Near {
-    /// Where the next node's entries begin.
+    /// Start of the entries of the next node.
     fn top(&self) -> (usize, usize) {
         (self.obstacles.len(), self.boundary.len())
     }
@@ -66,7 +64,7 @@ impl Near {
 impl<'w> EdgeProbe<'w> {
     pub(super) fn new(world: &'w CollisionWorld, spirals: &[(Pose, CubicSpiral)]) -> Self {
         let body = world.outline.body();
-        let widest = body.grown(&world.settings.widest(), 0.0);
+        let widest = body.inflated(&world.settings.widest(), 0.0);
         let course = Course::new(&world.origin, (body, widest), world.settings.spacing, spirals);
         let blocks = course.blocks();
         Self {
@@ -83,18 +81,18 @@ impl<'w> EdgeProbe<'w> {
         self.course.cells()
     }
 
-    /// The first cell that meets a static obstacle or leaves the road, margins included: equal to
+    /// The first cell that meets a static obstacle or leaves the road, with margins: equal to
     /// [`CollisionWorld::static_hit_from_start`] of the sweep.
     #[must_use]
     pub fn static_hit(&mut self, allowance: &Allowance) -> Option<StaticHit> {
         let cells = self.cells();
-        // the cells of a part hang together: if no boundary meets them, all are inside as soon as one point is
-        let first_judged = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
+        // the footprint of a part is connected: if no boundary meets it, one point inside proves that all of it is inside
+        let first_checked = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
         let road = self.world.statics.road();
         let on_road = |frame: &Frame| self.world.outline.all_parts(frame, |p| road.contains_local(p));
-        let stray = first_judged.filter(|limit| !on_road(&self.course.frame(*limit)));
-        let stray = stray.map(|limit| limit.min(cells - 1));
-        let search = Search { allowance, last: stray.unwrap_or(cells - 1) };
+        let off_road = first_checked.filter(|limit| !on_road(&self.course.frame(*limit)));
+        let off_road = off_road.map(|limit| limit.min(cells - 1));
+        let search = Search { allowance, last: off_road.unwrap_or(cells - 1) };
         for i in 0..self.blocks.len() {
             let block = self.blocks[i];
             if block.first > search.last {
@@ -104,10 +102,10 @@ impl<'w> EdgeProbe<'w> {
                 return Some(StaticHit { station: self.course.station(cell), cell, what });
             }
         }
-        stray.map(|cell| StaticHit { station: self.course.station(cell), cell, what: Blocker::RoadBoundary })
+        off_road.map(|cell| StaticHit { station: self.course.station(cell), cell, what: Blocker::RoadBoundary })
     }
 
-    /// Distances to static obstacles and to the road's edge without margins, `cap` at most, m: equal to
+    /// Distances to static obstacles and to the road boundary without margins, at most `cap`, m: equal to
     /// [`CollisionWorld::clearance`] of the sweep.
     #[must_use]
     pub fn clearance(&mut self, cap: f64) -> Clearance {
@@ -132,7 +130,7 @@ impl<'w> EdgeProbe<'w> {
             for limit in poses.step_by(STRIDE).chain(last) {
                 let frame = self.course.frame(limit);
                 self.world.outline.for_each_part(&frame, |part| {
-                    let turned = TurnedBox::around(part, frame.forward);
+                    let turned = OrientedBox::around(part, frame.forward);
                     least.obstacle = nearest(&self.near.obstacles[found.0..], pieces, (part, &turned), least.obstacle);
                     least.road = nearest(&self.near.boundary[found.1..], segments, (part, &turned), least.road);
                 });
@@ -143,7 +141,7 @@ impl<'w> EdgeProbe<'w> {
 
     fn hull(&mut self, node: &Node) -> NodeHull {
         let (from, to) = (self.course.frame(node.first), self.course.frame(node.end));
-        let body = self.world.outline.body().grown(&Margins::NONE, self.course.node_slack(node));
+        let body = self.world.outline.body().inflated(&Margins::NONE, self.course.node_slack(node));
         let [a, b, c, d] = body.corners(&from);
         let [e, f, g, h] = body.corners(&to);
         NodeHull::new([a, b, c, d, e, f, g, h], from.forward + to.forward)
@@ -152,7 +150,7 @@ impl<'w> EdgeProbe<'w> {
     fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<(usize, Blocker)> {
         let mut hull = self.hull(block);
         self.query(&hull, self.reach());
-        if !search.judges_road(self.course.station(block.end - 1)) {
+        if !search.checks_road(self.course.station(block.end - 1)) {
             self.near.boundary.clear();
         }
         let found = self.near.top();
@@ -164,25 +162,25 @@ impl<'w> EdgeProbe<'w> {
         if self.near.top() == found { None } else { self.descend(search, block, found) }
     }
 
-    /// Finds the obstacle pieces and the boundary segments within a reach of a hull's turned box.
+    /// Collects the obstacle pieces and the boundary segments within a reach of the oriented box of a hull.
     fn query(&mut self, hull: &NodeHull, (obstacles, road): (f64, f64)) {
         self.near.truncate((0, 0));
         let statics = &self.world.statics;
         let (pieces, segments) = (statics.obstacles(), statics.road().boundary());
         let near = &mut self.near;
-        statics.everything().visit(&hull.turned, obstacles.max(road), |leaf| {
+        statics.everything().visit(&hull.oriented_box, obstacles.max(road), |leaf| {
             #[allow(clippy::cast_possible_truncation)] // there are not 2³¹ pieces
             if let Some(piece) = pieces.get(leaf) {
-                if hull.turned.gap_to(piece) <= obstacles {
+                if hull.oriented_box.gap_to(piece) <= obstacles {
                     near.obstacles.push(leaf as u32);
                 }
-            } else if hull.turned.gap_to(&segments[leaf - pieces.len()]) <= road {
+            } else if hull.oriented_box.gap_to(&segments[leaf - pieces.len()]) <= road {
                 near.boundary.push((leaf - pieces.len()) as u32);
             }
         });
     }
 
-    /// How far the margins to obstacles and to the road's edge reach, m.
+    /// Reach of the margins to obstacles and to the road boundary, m.
     fn reach(&self) -> (f64, f64) {
         let (obstacles, road) = self.world.statics.margins();
         (obstacles.reach(), road.reach())
@@ -240,7 +238,7 @@ impl<'w> EdgeProbe<'w> {
                 return None;
             }
             let margins = if relaxed { &Margins::NONE } else { margins };
-            let body = self.world.outline.body().grown(margins, slack);
+            let body = self.world.outline.body().inflated(margins, slack);
             let corners: [Local; 8] = std::array::from_fn(|i| body.corners(&ends[i / 4])[i % 4]);
             let aabb = Aabb::from_points_ref(&corners);
             let parts = self.world.outline.swept(ends, margins, slack);
@@ -254,26 +252,26 @@ impl<'w> EdgeProbe<'w> {
         if let Some(piece) = obstacle {
             return Some(statics.blocker(piece));
         }
-        let on_edge = search.judges_road(station)
+        let on_edge = search.checks_road(station)
             && first(&self.near.boundary[from.1..], statics.road().boundary(), road_margins).is_some();
         on_edge.then_some(Blocker::RoadBoundary)
     }
 }
 
-/// What a search overlooks, and the last cell it is about.
+/// The allowance of a search, and its last cell.
 struct Search<'a> {
     allowance: &'a Allowance,
     last: usize,
 }
 
 impl Search<'_> {
-    fn judges_road(&self, station: f64) -> bool {
+    fn checks_road(&self, station: f64) -> bool {
         station >= self.allowance.no_road_until
     }
 }
 
-/// The least distance of the body, by its corners and the box around them, to the entries, `cap` at most, m.
-fn nearest(entries: &[u32], pieces: &[Convex], (corners, turned): (&[Local], &TurnedBox), cap: f64) -> f64 {
+/// The smallest distance of the body, given by its corners and the box around them, to the entries, at most `cap`, m.
+fn nearest(entries: &[u32], pieces: &[Convex], (corners, turned): (&[Local], &OrientedBox), cap: f64) -> f64 {
     entries.iter().map(|i| &pieces[*i as usize]).fold(cap, |least, piece| {
         if turned.gap_to(piece) - ROUNDING < least { least.min(piece.distance_to(corners)) } else { least }
     })
@@ -283,16 +281,20 @@ fn nearest(entries: &[u32], pieces: &[Convex], (corners, turned): (&[Local], &Tu
 #[derive(Debug, Clone)]
 struct NodeHull {
     corners: SweptCorners,
-    /// A box around it, turned along the path.
-    turned: TurnedBox,
-    /// Outward unit normals of the hull's edges with the hull's extent along them, once needed.
+    /// The oriented bounding box, aligned with the path.
+    oriented_box: OrientedBox,
+    /// Outward unit normals of the edges of the hull with the extent of the hull in their direction; on demand.
     edges: Option<([(Local, f64); 8], usize)>,
 }
 
 impl NodeHull {
-    /// `along` is about its direction, of any length.
-    fn new(corners: [Local; 8], along: Local) -> Self {
-        Self { corners: SweptCorners::new(corners), turned: TurnedBox::around(&corners, along), edges: None }
+    /// `direction` is its approximate direction, of any length.
+    fn new(corners: [Local; 8], direction: Local) -> Self {
+        Self {
+            corners: SweptCorners::new(corners),
+            oriented_box: OrientedBox::around(&corners, direction),
+            edges: None,
+        }
     }
 
     /// Appends those of the entries in the range that may be within `reach`.
@@ -305,7 +307,7 @@ impl NodeHull {
         }
     }
 
-    /// False only if the piece stays further than `reach` from the hull.
+    /// `false` only if the piece is farther than `reach` from the hull.
     fn may_meet(&mut self, piece: &Convex, reach: f64) -> bool {
         let reach = reach + piece.radius();
         let (edges, n) = self.edges();

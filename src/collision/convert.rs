@@ -1,4 +1,4 @@
-//! The one place where our points meet parry's (glam) vectors.
+//! Conversion between the points of this crate and the vectors of parry (glam).
 //!
 //! Everything in [`crate::collision`] is computed relative to an [`Origin`] near the road, so that UTM coordinates
 //! (about 1e6 m, where an `f64` still resolves 1e-10 m) cost no accuracy in products of coordinates.
@@ -8,12 +8,12 @@ use crate::geometry::{Point, Pose};
 /// A position relative to the [`Origin`], m; parry's vector type.
 pub(super) type Local = parry2d::math::Vector;
 
-/// The world point that collision geometry is relative to.
+/// The world point that all collision geometry is relative to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Origin(Point);
 
 impl Origin {
-    /// The middle of the points' bounding box, in whole metres; the world's origin without any finite point.
+    /// The centre of the bounding box of the points, in integer metres; the world origin if no point is finite.
     pub(super) fn amid<'a>(points: impl IntoIterator<Item = &'a Point>) -> Self {
         let mut bounds: Option<(Point, Point)> = None;
         for p in points.into_iter().filter(|p| p.x.is_finite() && p.y.is_finite()) {
@@ -37,7 +37,7 @@ impl Origin {
     }
 }
 
-/// A point that is already relative to the origin, as parry's vector.
+/// A point that is already relative to the origin, as a parry vector.
 pub(super) fn vector(p: Point) -> Local {
     Local::new(p.x, p.y)
 }

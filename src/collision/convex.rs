@@ -1,9 +1,8 @@
 //! Convex sets in the plane: hull, overlap, distance.
 //!
-//! The narrow phase is a separating-axis test of our own, for one reason: it must never say "apart" of things that
-//! overlap. parry's GJK answers `NoIntersection` when it has not converged after 100 iterations; the separating-axis
-//! test has no iteration and its only error is rounding, which [`super::swept::SKIN`] covers. parry's GJK is the
-//! referee in the tests.
+//! The narrow phase is a separating-axis test and not parry's GJK, because a false negative is not acceptable: GJK returns
+//! `NoIntersection` if it has not converged after 100 iterations. The separating-axis test has no iteration, and its only
+//! error is rounding, which [`super::swept::SKIN`] covers. The tests compare it with parry's GJK.
 
 use parry2d::bounding_volume::Aabb;
 
@@ -13,8 +12,8 @@ use super::uncertainty::Reach;
 use crate::geometry::Pose;
 use crate::map::ConvexPart;
 
-/// A convex polygon (counter-clockwise; one point and a segment are allowed) grown by a radius: circles, capsules and
-/// polygons alike.
+/// A convex polygon (counter-clockwise; a point or a segment is allowed) inflated by a radius: circles, capsules and
+/// polygons.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Convex {
     points: Vec<Local>,
@@ -23,7 +22,7 @@ pub(super) struct Convex {
 }
 
 impl Convex {
-    /// The hull of the points, grown by `radius`. `None` without points or with a number that is not finite.
+    /// The hull of the points, inflated by `radius`. `None` without points or with a number that is not finite.
     pub(super) fn hull_of(mut points: Vec<Local>, radius: f64) -> Option<Self> {
         let finite = radius.is_finite() && points.iter().all(|p| p.is_finite());
         if points.is_empty() || !finite {
@@ -32,11 +31,11 @@ impl Convex {
         let mut hull = vec![Local::ZERO; points.len() + 1];
         let n = hull_into(&mut points, &mut hull);
         hull.truncate(n);
-        let aabb = grown(&Aabb::from_points_ref(&hull), radius);
+        let aabb = inflated(&Aabb::from_points_ref(&hull), radius);
         Some(Self { points: hull, radius, aabb })
     }
 
-    /// A piece of a static obstacle or of a predicted set, in world coordinates.
+    /// A part of a static obstacle or of a prediction set, given in world coordinates.
     pub(super) fn of_part(part: &ConvexPart, origin: &Origin) -> Option<Self> {
         match part {
             ConvexPart::Polygon(points) => Self::hull_of(points.iter().map(|p| origin.local(*p)).collect(), 0.0),
@@ -44,7 +43,7 @@ impl Convex {
         }
     }
 
-    /// The hull of a piece (in its obstacle's frame) at several poses (relative to the origin), grown by `slack`.
+    /// The hull of a part (in the frame of its obstacle) at several poses (relative to the origin), inflated by `slack`.
     pub(super) fn moved_through(part: &ConvexPart, poses: &[Pose], slack: f64) -> Option<Self> {
         match part {
             ConvexPart::Polygon(points) => {
@@ -57,15 +56,15 @@ impl Convex {
         }
     }
 
-    /// The Minkowski sum with a rectangle of deviations: the hull of every corner moved by those corners of the rectangle
-    /// that are outermost between the normals of the two edges that meet there.
-    pub(super) fn spread(&self, reach: &Reach) -> Option<Self> {
+    /// The Minkowski sum with a rectangle of deviations: the hull of every corner displaced by the corners of the rectangle
+    /// that are extreme between the normals of its two edges.
+    pub(super) fn minkowski_sum(&self, reach: &Reach) -> Option<Self> {
         let Reach { forward, ahead, behind, lateral } = *reach;
         let moved = |p: Local, out: Local| {
             p + forward * (if out.x > 0.0 { ahead } else { -behind }) + forward.perp() * (out.y * lateral)
         };
         let n = self.points.len();
-        // the outward normal of the edge from point i, in the rectangle's axes
+        // the outward normal of the edge from point i, in the axes of the rectangle
         let outward = |i: usize| {
             let edge = self.points[(i + 1) % n] - self.points[i];
             let outward = Local::new(edge.y, -edge.x);
@@ -74,15 +73,15 @@ impl Convex {
         let mut points = Vec::with_capacity(n + 4);
         for (i, p) in self.points.iter().enumerate() {
             if n < 3 {
-                // a point has no normals, and those of a segment are half a turn apart
+                // a point has no normals, and those of a segment are opposite
                 let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
                 points.extend(corners.map(|(x, y)| moved(*p, Local::new(x, y))));
             } else {
                 points.extend(signs_between(outward((i + n - 1) % n), outward(i)).map(|out| moved(*p, out)));
             }
         }
-        // already in order, but for rounding: a rectangle with a side of next to nothing gives edges in any direction, and
-        // one that does not belong to the hull would part what overlaps
+        // build the hull again: with a rectangle of almost no width, rounding produces edges in any direction, and an edge
+        // that is not on the hull would be a wrong separating axis
         Self::hull_of(points, self.radius)
     }
 
@@ -107,14 +106,15 @@ impl Convex {
         (polygon_distance(hull, &self.points) - self.radius).max(0.0)
     }
 
-    /// Depth of the overlap with the convex polygon `hull`, m, 0 if they are apart: the least move that parts them, over
-    /// the directions of their edges (for polygons the exact penetration depth).
+    /// Penetration depth with the convex polygon `hull`, m, 0 if they are apart: the smallest separating displacement over
+    /// the normals of their edges (exact for polygons).
     pub(super) fn depth_in(&self, hull: &[Local]) -> f64 {
         let depth = -largest_gap(&self.points, hull).max(largest_gap(hull, &self.points));
         (depth + self.radius).max(0.0)
     }
 
-    /// Whether it shares a point with the convex hull of the swept corners, and with a part within; touching counts.
+    /// Whether it shares a point with the convex hull of the swept corners and, if the vehicle has parts, with one of them.
+    /// Touching counts.
     pub(super) fn overlaps(&self, shape: &mut SweptCorners) -> bool {
         if beyond_an_edge(&self.points, &shape.corners, self.radius) {
             return false;
@@ -127,7 +127,7 @@ impl Convex {
         !beyond_an_edge(&self.points, hull, self.radius) && self.reaches_into(hull)
     }
 
-    /// Whether it shares a point with the convex polygon, none of its own edges parting them.
+    /// Whether it shares a point with the convex polygon, given that none of the body's edges separates them.
     fn reaches_into(&self, hull: &[Local]) -> bool {
         if beyond_an_edge(hull, &self.points, self.radius) {
             return false;
@@ -136,15 +136,15 @@ impl Convex {
     }
 }
 
-/// The corners of a footprint at the two ends of a cell; their hull is built when first asked for, since most questions
-/// are answered by the other side's edges.
+/// The corners of a footprint at the two ends of a cell. Their hull is built on demand, since the edges of the other shape
+/// decide most tests.
 #[derive(Debug, Clone)]
 pub(super) struct SweptCorners {
     corners: [Local; 8],
     hull: [Local; 9],
-    /// Vertices of `hull`; 0 while it is not built.
+    /// Number of vertices of `hull`; 0 while it is not built.
     vertices: usize,
-    /// The vehicle's parts, when the footprint is only around them.
+    /// The parts of the vehicle, if it is not a rectangle.
     parts: Option<Box<SweptParts>>,
 }
 
@@ -153,7 +153,7 @@ impl SweptCorners {
         Self { corners, hull: [Local::ZERO; 9], vertices: 0, parts: None }
     }
 
-    /// The same for a vehicle whose parts decide where the footprint is met.
+    /// The footprint with the parts of the vehicle inside it.
     pub(super) fn with_parts(self, parts: Option<Box<SweptParts>>) -> Self {
         Self { parts, ..self }
     }
@@ -166,8 +166,8 @@ impl SweptCorners {
     }
 }
 
-/// The box grown by `by` on every side.
-pub(super) fn grown(aabb: &Aabb, by: f64) -> Aabb {
+/// The box inflated by `by` on every side.
+pub(super) fn inflated(aabb: &Aabb, by: f64) -> Aabb {
     Aabb { mins: aabb.mins - Local::splat(by), maxs: aabb.maxs + Local::splat(by) }
 }
 
@@ -186,8 +186,8 @@ pub(super) fn box_distance(a: &Aabb, b: &Aabb) -> f64 {
     (a.mins - b.maxs).max(b.mins - a.maxs).max(Local::ZERO).length()
 }
 
-/// Convex hull, counter-clockwise, by Andrew's monotone chain; sorts `points`, writes to `out` (one longer than
-/// `points`), gives the number of vertices. Of collinear points some extremes remain: a segment gives two vertices.
+/// Convex hull, counter-clockwise, by Andrew's monotone chain. Sorts `points`, writes to `out` (one longer than `points`)
+/// and returns the number of vertices. Collinear points are reduced to their extremes: a segment has two vertices.
 fn hull_into(points: &mut [Local], out: &mut [Local]) -> usize {
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let mut n = 0;
@@ -211,8 +211,8 @@ fn hull_into(points: &mut [Local], out: &mut [Local]) -> usize {
     if points.len() > 1 { all - 1 } else { all }
 }
 
-/// Whether all `points` lie beyond one edge of the counter-clockwise `polygon` by more than `gap`. A segment has two
-/// edges, one for each side; a point has none.
+/// Whether all `points` are beyond one edge of the counter-clockwise `polygon` by more than `gap`. A segment has two edges,
+/// one for each side; a point has none.
 fn beyond_an_edge(polygon: &[Local], points: &[Local], gap: f64) -> bool {
     let mut from = polygon[polygon.len() - 1];
     for &to in polygon {
@@ -227,8 +227,8 @@ fn beyond_an_edge(polygon: &[Local], points: &[Local], gap: f64) -> bool {
     false
 }
 
-/// The largest signed distance, over the edges of `polygon`, of all `points` beyond that edge, m. Minus infinity for a
-/// single point, which has no edge.
+/// The largest signed distance over the edges of `polygon` by which all `points` are beyond that edge, m. Minus infinity for
+/// a point, which has no edge.
 fn largest_gap(polygon: &[Local], points: &[Local]) -> f64 {
     let mut largest = f64::NEG_INFINITY;
     let mut from = polygon[polygon.len() - 1];
@@ -243,17 +243,17 @@ fn largest_gap(polygon: &[Local], points: &[Local]) -> f64 {
     largest
 }
 
-/// Depth to which a point lies inside a convex counter-clockwise polygon, m; negative outside.
+/// Depth of a point inside a convex counter-clockwise polygon, m; negative outside.
 pub(super) fn depth_of(polygon: &[Local], p: Local) -> f64 {
     -largest_gap(polygon, &[p])
 }
 
-/// Distance between convex polygons, m, 0 if they overlap. Where they are apart, a vertex of one is nearest to an edge
-/// of the other.
+/// Distance between convex polygons, m, 0 if they overlap. If they are apart, the smallest distance is between a vertex of
+/// one and an edge of the other.
 fn polygon_distance(a: &[Local], b: &[Local]) -> f64 {
     let apart = beyond_an_edge(a, b, 0.0) || beyond_an_edge(b, a, 0.0);
     let squared = vertex_edge_distance_squared(a, b).min(vertex_edge_distance_squared(b, a));
-    // without a separating edge they overlap, unless both are too thin to have an inside
+    // without a separating edge they overlap, unless neither has an interior
     if apart || a.len() < 3 && b.len() < 3 { squared.sqrt() } else { 0.0 }
 }
 
@@ -264,8 +264,8 @@ fn vertex_edge_distance_squared(vertices: &[Local], polygon: &[Local]) -> f64 {
         let edge = to - from;
         let scale = 1.0 / edge.length_squared().max(f64::MIN_POSITIVE);
         for &p in vertices {
-            let longitudinal = ((p - from).dot(edge) * scale).clamp(0.0, 1.0);
-            best = best.min((p - from - edge * longitudinal).length_squared());
+            let ratio = ((p - from).dot(edge) * scale).clamp(0.0, 1.0);
+            best = best.min((p - from - edge * ratio).length_squared());
         }
         from = to;
     }
@@ -299,16 +299,16 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
-        /// The slow way: the hull of every point moved by every corner.
+        /// Brute force: the hull of every point displaced by every corner.
         #[test]
-        fn spreading_is_the_minkowski_sum_with_the_rectangle(
+        fn minkowski_sum_agrees_with_brute_force(
             body in points(1..9), yaw in prop_oneof![Just(0.0), Just(1.0), -4.0..4.0f64],
             ahead in prop_oneof![Just(1e-17), Just(1e-12), 0.0..9.0f64], behind in prop_oneof![Just(1e-17), 0.0..3.0f64],
             lateral in prop_oneof![Just(0.0), Just(1e-16), 0.0..2.0f64], radius in 0.0..1.0f64,
         ) {
             let forward = Local::new(f64::cos(yaw), f64::sin(yaw));
             let body = Convex::hull_of(body, radius).unwrap();
-            let ours = body.spread(&Reach { forward, ahead, behind, lateral }).unwrap();
+            let ours = body.minkowski_sum(&Reach { forward, ahead, behind, lateral }).unwrap();
             let corners = [(ahead, lateral), (-behind, lateral), (-behind, -lateral), (ahead, -lateral)];
             let moved = |p: &Local| corners.map(|(x, y)| *p + forward * x + forward.perp() * y);
             let slow = Convex::hull_of(body.points.iter().flat_map(moved).collect(), radius).unwrap();
@@ -330,7 +330,7 @@ mod tests {
             let (Some(pa), Some(pb)) = (ConvexPolygon::from_convex_polyline(corners.hull().to_vec()), ConvexPolygon::from_convex_polyline(part.points.clone())) else { return Ok(()) };
             let distance = query::distance(&ParryPose::IDENTITY, &pa, &ParryPose::IDENTITY, &pb).unwrap().distance;
             let ours = polygon_distance(corners.hull(), &part.points);
-            // parry's GJK was seen to stop 8e-5 m above the distance
+            // parry's GJK can stop 8e-5 m above the distance
             prop_assert!(ours - 1e-9 < distance && distance < ours + 1e-3, "parry {distance}, ours {ours}");
             if (distance - radius).abs() > 1e-3 {
                 prop_assert_eq!(part.overlaps(&mut corners), distance < radius);

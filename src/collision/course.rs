@@ -1,20 +1,20 @@
-//! A path cut into cells, with vehicle frames that are made when they are asked for.
+//! A path divided into cells, with vehicle frames on demand.
 //!
 //! # Technique
-//! A spiral's curvature is a cubic of arc length, so on any stretch of it everything is local algebra: the Taylor
-//! coefficients at the stretch's start give the heading exactly, its Bernstein coefficients bound |κ| and |κ′| over the
-//! stretch (a polynomial stays within the hull of its Bernstein coefficients; Farin, *Curves and Surfaces for CAGD*, ch.
-//! 5), and Gauss quadrature of a heading that turns little needs no trigonometric function.
+//! The curvature of a spiral is a cubic of arc length, so that each section has simple algebra. The Taylor coefficients at
+//! its start give the exact heading. Its Bernstein coefficients bound |κ| and |κ′| (a polynomial is within the hull of its
+//! Bernstein coefficients; Farin, *Curves and Surfaces for CAGD*, ch. 5). Gauss quadrature of a heading that turns little
+//! needs no trigonometric function.
 //!
-//! The frame at cell limit `i` is reached from the one at `i` with its lowest set bit cleared (as in a Fenwick tree),
-//! from the start of its block on; block starts follow one another. So every frame has one way to be computed, whoever
-//! asks in whatever order, and the coarse check ([`super::coarse`]) that asks for few of them sees the same bits as the
-//! [`super::Sweep`] that has them all.
+//! The frame at cell limit `i` is computed from the one at `i` with its lowest set bit cleared (as in a Fenwick tree),
+//! starting at its block; block starts are computed one after the other. So the computation of a frame does not depend on
+//! the order of the queries, and the coarse check ([`super::coarse`]), which needs few frames, uses the same bits as the
+//! [`super::Sweep`], which has all of them.
 //!
 //! # Cell length
-//! The setting [`super::CollisionSettings::spacing`], or a whole fraction of it where a spiral bends so much that the
-//! footprint would exceed what is covered by more than [`EXCESS`] (see [`excess`]). The station cells of the blocked grid
-//! keep the spacing: what is searched for speeds over them does not depend on how the spiral bends.
+//! [`super::CollisionSettings::spacing`], or an integer fraction of it if the spiral turns so much that the excess of the
+//! footprint would be larger than [`EXCESS`] (see [`excess`]). The station cells of the blocked grid keep the spacing, so
+//! that the speed search does not depend on the curvature of the spiral.
 
 use super::convert::{Local, Origin};
 use super::swept::{Body, Frame, SKIN};
@@ -22,22 +22,22 @@ use crate::geometry::Pose;
 use crate::geometry::quadrature::{GAUSS_3, GAUSS_5, GAUSS_8};
 use crate::geometry::spiral::CubicSpiral;
 
-/// How far a cell's footprint may reach beyond what is covered in it, as a share of the spacing: 4.5 cm at 0.5 m.
+/// Largest excess of the footprint of a cell over the covered area, as a fraction of the spacing: 4.5 cm at 0.5 m.
 pub(super) const EXCESS: f64 = 0.09;
-/// Cells are cut into this many at most, whatever the curvature.
-const MOST_CUTS: usize = 8;
-/// Blocks have this many cells at most, and are at most this long (m); they are as long as ε allows.
-const MOST_IN_BLOCK: usize = 32;
-const LONGEST_BLOCK: f64 = 9.0;
-/// Largest ε of a block, m: beyond it a coarse hull decides too little.
+/// Largest number of cells per station cell.
+const MAX_CUTS: usize = 8;
+/// Largest number of cells and largest length (m) of a block. Blocks are as long as ε permits.
+const MAX_IN_BLOCK: usize = 32;
+const MAX_BLOCK_LENGTH: f64 = 9.0;
+/// Largest ε of a block, m: a larger coarse hull excludes too few pieces.
 const BLOCK_SLACK: f64 = 0.25;
 
-/// A part of a spiral: curvature by powers of t ∈ [0, 1] along it.
+/// A section of a spiral: curvature by powers of t ∈ [0, 1].
 #[derive(Debug, Clone, Copy)]
 struct Stretch {
-    /// 1/m.
+    /// Coefficients of the curvature, 1/m.
     powers: [f64; 4],
-    /// m.
+    /// Length, m.
     length: f64,
 }
 
@@ -69,19 +69,19 @@ impl Stretch {
         Self { powers: [a, 0.5 * b, 0.25 * c, 0.125 * d], length: 0.5 * self.length }
     }
 
-    /// From its start to its end, in the frame of its start, m. `halvings` bounds the work for absurd curvature.
+    /// The vector from its start to its end, in the frame of its start, m. `halvings` limits the work for absurd curvature.
     fn chord(&self, halvings: u32) -> Local {
-        /// Turning, and what of it comes from uneven curvature (rad; a tenth of what grows evenly counts), up to which
-        /// three points err by less than 2e-10 of the length: the square of the latter and the cube of what grows evenly
-        /// meet the first power that the rule does not integrate.
+        /// Turning, and its part from varying curvature (rad; a tenth of the linear variation), up to which the three-point
+        /// rule has an error below 2e-10 of the length: the square of the latter and the cube of the linear variation are
+        /// the first terms that the rule does not integrate exactly.
         const THREE: (f64, f64) = (0.08, 0.0015);
-        /// The same for five points.
+        /// The same for the five-point rule.
         const FIVE: (f64, f64) = (0.25, 0.08);
-        /// Turning up to which eight points do, for any cubic.
+        /// Turning up to which the eight-point rule is sufficient for any cubic.
         const EIGHT: f64 = 0.6;
         let turning = self.length * self.bounds().0;
         let uneven = self.length * (0.1 * self.powers[1].abs() + self.powers[2].abs() + self.powers[3].abs());
-        let within = |(most, most_uneven): (f64, f64)| turning <= most && uneven <= most_uneven;
+        let within = |(max, max_uneven): (f64, f64)| turning <= max && uneven <= max_uneven;
         if within(THREE) {
             self.rule(&GAUSS_3)
         } else if within(FIVE) {
@@ -105,7 +105,7 @@ impl Stretch {
     }
 }
 
-/// Sine and cosine by Taylor's series where it is good to 1e-11, which is where no range need be reduced.
+/// Sine and cosine by Taylor series, accurate to 1e-11, for small angles that need no range reduction.
 fn small_sin_cos(x: f64) -> (f64, f64) {
     const SMALL: f64 = 0.65;
     if x.abs() > SMALL {
@@ -118,26 +118,26 @@ fn small_sin_cos(x: f64) -> (f64, f64) {
     (sin, cos)
 }
 
-/// By how much (m) the footprint of a cell of length `h` may reach beyond what is covered in it. On the inner side of a
-/// bend the vehicle's side runs tangent to a circle abeam the rear axle; the hull bridges the bow tie between the first
-/// and the last of these tangents, which cross there at the angle κh: from the rear corner of one to the front corner
-/// of the other this is κh · ab/(a + b) wide, with a and b their distances from the crossing. ε comes on top.
+/// Largest excess (m) of the footprint of a cell of length `h` over the covered area. At the inner side of a curve the side
+/// of the vehicle is tangent to a circle beside the rear axle. The hull bridges the gap between the first and the last of
+/// these tangents, which cross at the angle κh. Between the rear corner of one and the front corner of the other the gap is
+/// κh · ab/(a + b) wide, with a and b their distances from the crossing. The excess is this plus ε.
 fn excess(body: &Body, (k, k1): (f64, f64), h: f64) -> f64 {
     let (rear, front) = body.overhangs();
     let (a, b) = (rear + 0.5 * h, front + 0.5 * h);
-    k * h * a * b / (a + b) + 0.125 * h * h * body.bend(k, k1)
+    k * h * a * b / (a + b) + 0.125 * h * h * body.max_second_derivative(k, k1)
 }
 
-/// Cells of equal length, `spacing` at most.
+/// Number of equal cells with a length of at most `spacing`.
 fn cells_for(length: f64, spacing: f64) -> usize {
-    /// A length that is a multiple of the spacing but for rounding gets no extra cell.
+    /// A length that is a multiple of the spacing up to rounding gets no additional cell.
     const ROUNDING: f64 = 1e-9;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of cells
     let cells = (length / spacing - ROUNDING).ceil().max(1.0) as usize;
     cells
 }
 
-/// One spiral, cut.
+/// One spiral, divided into cells.
 #[derive(Debug, Clone)]
 struct Piece {
     start: Frame,
@@ -146,14 +146,15 @@ struct Piece {
     powers: [f64; 4],
     length: f64,
     cells: usize,
-    /// Cells in a station cell.
+    /// Number of cells in a station cell.
     cuts: usize,
-    /// Cells in a block: a power of two.
+    /// Number of cells in a block: a power of two.
     block: usize,
-    /// Index of its first cell in the course, and its station, m.
+    /// Index of its first cell in the course.
     first_cell: usize,
+    /// Station of its start, m.
     first_station: f64,
-    /// Index (in this piece) of the last block start whose frame is made, with that frame.
+    /// Index (in this piece) of the last computed block start, with its frame.
     reached: (usize, Frame),
 }
 
@@ -175,17 +176,17 @@ impl Piece {
         let mut cuts = 1;
         if excess(body, bending, spacing) > limit {
             bending = (spiral.max_abs_curvature(), spiral.max_abs_curvature_rate());
-            while cuts < MOST_CUTS && excess(body, bending, spacing / cuts as f64) > limit {
+            while cuts < MAX_CUTS && excess(body, bending, spacing / cuts as f64) > limit {
                 cuts += 1;
             }
         }
         let cells = cuts * cells_for(length, spacing);
         let h = length / cells as f64;
         let mut block = 1;
-        while 2 * block <= MOST_IN_BLOCK && block < cells {
+        while 2 * block <= MAX_IN_BLOCK && block < cells {
             let longer = 2.0 * block as f64 * h;
-            let slack = 0.125 * longer * longer * body.bend(bending.0, bending.1);
-            if longer > LONGEST_BLOCK || slack > BLOCK_SLACK {
+            let slack = 0.125 * longer * longer * body.max_second_derivative(bending.0, bending.1);
+            if longer > MAX_BLOCK_LENGTH || slack > BLOCK_SLACK {
                 break;
             }
             block *= 2;
@@ -207,13 +208,13 @@ impl Piece {
     }
 
     /// Arc length at a cell limit, m from the start of the piece.
-    fn along(&self, limit: usize) -> f64 {
+    fn arc_length(&self, limit: usize) -> f64 {
         limit as f64 / self.cells as f64 * self.length
     }
 
     fn stretch(&self, from: usize, to: usize) -> Stretch {
-        let s = self.along(from);
-        let length = self.along(to) - s;
+        let s = self.arc_length(from);
+        let length = self.arc_length(to) - s;
         let [a, b, c, d] = self.powers;
         let h = length;
         let powers = [
@@ -226,18 +227,18 @@ impl Piece {
     }
 
     fn frame_after(&self, from: usize, at: &Frame, to: usize) -> Frame {
-        /// Halvings for absurd curvature.
-        const MOST: u32 = 6;
-        let s = self.along(to);
+        /// Maximum number of halvings, for absurd curvature.
+        const MAX_HALVINGS: u32 = 6;
+        let s = self.arc_length(to);
         let [a, b, c, d] = self.powers;
         let yaw = self.yaw + s * (a + s * (b / 2.0 + s * (c / 3.0 + s * (d / 4.0))));
         let (sin, cos) = yaw.sin_cos();
-        let chord = self.stretch(from, to).chord(MOST);
+        let chord = self.stretch(from, to).chord(MAX_HALVINGS);
         Frame { at: at.at + at.forward.rotate(chord), forward: Local::new(cos, sin) }
     }
 }
 
-/// A block of cells (or a part of one) that hang together in one piece.
+/// A block of consecutive cells of one piece, or a part of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Node {
     piece: usize,
@@ -245,7 +246,7 @@ pub(super) struct Node {
     pub(super) first: usize,
     /// One beyond the last cell, index in the course.
     pub(super) end: usize,
-    /// Cells it would have if the piece did not end: a power of two.
+    /// Number of cells of the full block, a power of two; fewer at the end of a piece.
     size: usize,
 }
 
@@ -263,18 +264,18 @@ impl Node {
     }
 }
 
-/// Spirals that follow one another, cut into cells.
+/// Consecutive spirals, divided into cells.
 #[derive(Debug, Clone)]
 pub(super) struct Course {
     pieces: Vec<Piece>,
-    /// Frames at the cell limits, where somebody asked.
+    /// Cached frames at the cell limits.
     frames: Vec<Option<Frame>>,
-    /// The body with the widest margins: what ε must hold for.
+    /// The body with the widest margins, for which ε must hold.
     widest: Body,
 }
 
 impl Course {
-    /// `body` is the bare vehicle, `widest` the one with the largest margins.
+    /// `body` is the vehicle without margins, `widest` the one with the largest margins.
     pub(super) fn new(
         origin: &Origin,
         (body, widest): (&Body, Body),
@@ -304,10 +305,10 @@ impl Course {
     /// Station of a cell limit, m from the start.
     pub(super) fn station(&self, limit: usize) -> f64 {
         let piece = &self.pieces[self.piece_of(limit.saturating_sub(1))];
-        piece.first_station + piece.along(limit - piece.first_cell)
+        piece.first_station + piece.arc_length(limit - piece.first_cell)
     }
 
-    /// The station cells, as long as the spacing allows: limits, m from the start, and which of them each cell is in.
+    /// The station cells: their limits, m from the start, and the station cell of each cell.
     pub(super) fn station_cells(&self) -> (Vec<f64>, Vec<u32>) {
         let (mut limits, mut of_cell) = (vec![0.0], Vec::with_capacity(self.cells()));
         for piece in &self.pieces {
@@ -320,15 +321,15 @@ impl Course {
         (limits, of_cell)
     }
 
-    /// The frame at a cell limit. Where pieces join it is the one that the earlier one ends with.
+    /// The frame at a cell limit. At a joint it is the end of the earlier piece.
     pub(super) fn frame(&mut self, limit: usize) -> Frame {
         if let Some(frame) = self.frames[limit] {
             return frame;
         }
         let p = self.piece_of(limit.saturating_sub(1));
         let piece = &mut self.pieces[p];
-        let wanted = limit - piece.first_cell;
-        let block_start = wanted / piece.block * piece.block;
+        let target = limit - piece.first_cell;
+        let block_start = target / piece.block * piece.block;
         let (mut at, mut frame) = if piece.reached.0 <= block_start { piece.reached } else { (0, piece.start) };
         while at < block_start {
             frame = piece.frame_after(at, &frame, at + piece.block);
@@ -336,9 +337,9 @@ impl Course {
         }
         piece.reached = (at, frame);
         let mut step = piece.block;
-        while at < wanted {
+        while at < target {
             step /= 2;
-            if wanted - at >= step {
+            if target - at >= step {
                 let cached = self.frames[piece.first_cell + at + step];
                 frame = cached.unwrap_or_else(|| piece.frame_after(at, &frame, at + step));
                 at += step;
@@ -356,16 +357,16 @@ impl Course {
         slack(&self.widest, stretch.bounds(), stretch.length)
     }
 
-    /// By how much a rectangle at both ends of a node must be grown for its hull to hold the footprints of all its
-    /// cells, m. The cells' own slack is bounded with the node's curvature and grows the body that the node's ε is for;
-    /// a second [`SKIN`] keeps the coarse test's rounding from deciding anything.
+    /// Inflation of the rectangles at both ends of a node for which their hull contains the footprints of all its cells, m.
+    /// The curvature of the node bounds the slack of its cells, which inflates the body for the ε of the node. A second
+    /// [`SKIN`] covers the rounding of the coarse test.
     pub(super) fn node_slack(&self, node: &Node) -> f64 {
         let piece = &self.pieces[node.piece];
         let stretch = piece.stretch(node.first - piece.first_cell, node.end - piece.first_cell);
         let bounds = stretch.bounds();
         let own = slack(&self.widest, bounds, stretch.length / node.cells() as f64);
-        let grown = self.widest.grown(&super::Margins::NONE, own);
-        own + slack(&grown, bounds, stretch.length)
+        let inflated = self.widest.inflated(&super::Margins::NONE, own);
+        own + slack(&inflated, bounds, stretch.length)
     }
 
     /// All cells in blocks, in order.
@@ -385,7 +386,7 @@ impl Course {
 
 /// ε = h²/8 · max |X″| (see [`super::swept`]) and [`SKIN`], m.
 fn slack(body: &Body, (k, k1): (f64, f64), h: f64) -> f64 {
-    SKIN + 0.125 * h * h * body.bend(k, k1)
+    SKIN + 0.125 * h * h * body.max_second_derivative(k, k1)
 }
 
 #[cfg(test)]
@@ -414,20 +415,20 @@ mod tests {
         let placed: Vec<_> = placed.collect();
         Course::new(
             &Origin::amid([&Point::new(0.0, 0.0)]),
-            (&body(), body().grown(&Margins::uniform(0.3), 0.0)),
+            (&body(), body().inflated(&Margins::uniform(0.3), 0.0)),
             spacing,
             &placed,
         )
     }
 
-    /// What the quadratures of frames and of single points may differ by on spirals far wilder than any edge, m: a tenth of
-    /// the skin that covers it.
-    const OFF: f64 = 0.1 * SKIN;
+    /// Permitted difference between the quadratures of frames and of single points, for spirals far beyond any edge, m: a
+    /// tenth of the skin that covers it.
+    const TOLERANCE: f64 = 0.1 * SKIN;
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
-        /// Frames are those of the spiral's own quadrature, also over several pieces.
+        /// Frames agree with the quadrature of the spiral, also over several pieces.
         #[test]
         fn frames_are_on_the_spiral(first in spirals(), second in spirals(), yaw in -3.0..3.0f64, spacing in 0.05..2.0f64) {
             let start = Pose::new(12.0, -7.0, yaw);
@@ -437,14 +438,14 @@ mod tests {
                 let pose = if s <= first.length { first.point_at(&start, s).pose } else { second.point_at(&first.end(&start), s - first.length).pose };
                 let frame = course.frame(limit);
                 let off = Vector::new(frame.at.x - pose.position.x, frame.at.y - pose.position.y).norm();
-                prop_assert!(off < OFF, "{off} m off at {s} of {first:?} {second:?}");
+                prop_assert!(off < TOLERANCE, "{off} m off at {s} of {first:?} {second:?}");
                 prop_assert!((frame.forward - Local::new(pose.yaw.cos(), pose.yaw.sin())).length() < 1e-9);
             }
         }
 
-        /// Whatever is asked first, the bits are the same.
+        /// Frames are equal to the bit for every order of queries.
         #[test]
-        fn frames_do_not_depend_on_the_order_of_asking(first in spirals(), second in spirals(), seed in 0..1000usize) {
+        fn frames_do_not_depend_on_the_order_of_queries(first in spirals(), second in spirals(), seed in 0..1000usize) {
             let start = Pose::new(12.0, -7.0, 0.3);
             let mut in_order = course(&start, &[first, second], 0.5);
             let mut at_random = in_order.clone();
@@ -493,10 +494,10 @@ mod tests {
     }
 
     #[test]
-    fn absurd_curvature_is_cut_in_bounded_time() {
+    fn absurd_curvature_is_divided_in_bounded_time() {
         for knots in [[1e6, -1e6, 1e6, 0.0], [f64::NAN; 4], [f64::INFINITY; 4]] {
             let mut course = course(&Pose::new(0.0, 0.0, 0.0), &[CubicSpiral { knots, length: 50.0 }], 0.5);
-            assert!(course.cells() <= 100 * MOST_CUTS);
+            assert!(course.cells() <= 100 * MAX_CUTS);
             let _ = course.frame(course.cells());
         }
     }

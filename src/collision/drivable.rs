@@ -1,17 +1,17 @@
 //! The drivable area: the union of all lanelets, with its boundary as segments.
 //!
 //! # Technique
-//! Each lanelet is cut into the triangles of the ladder between its two bounds, not taken as one outline: bounds that
-//! cross, fold over themselves in a sharp bend, touch, or are exchanged then still cover what lies between them. The
-//! triangles are united (i_overlay through `geo`, on an integer grid of about the area's size / 2³⁰, hence relative to
-//! a local origin), and the union is grown by [`GROWTH`] so that hairline gaps between neighbouring lanelets close.
-//! What remains are outer rings and holes (traffic islands).
+//! Each lanelet is a strip of triangles between its two bounds and not one polygon. So bounds that cross, fold over
+//! themselves in a sharp curve, touch, or are exchanged still cover the area between them. The union of the triangles
+//! (i_overlay through `geo`, on an integer grid of about the size of the area / 2³⁰, hence relative to a local origin) is
+//! inflated by [`INFLATION`], which closes hairline gaps between neighbouring lanelets. The result has outer rings and holes
+//! (traffic islands).
 //!
-//! Every lanelet counts as surface, whoever may drive there: a car that crosses a crosswalk does not leave the road.
+//! Every lanelet is part of the area, whatever its permitted users: a car on a crosswalk does not leave the road.
 //!
 //! # Weakness
-//! Gaps wider than 2 · [`GROWTH`] between lanelets that are meant to touch are boundary. Between bounds with unequal
-//! numbers of points the ladder pairs points by their share of the length, and may cut a corner of a bound's inner side.
+//! Gaps wider than 2 · [`INFLATION`] between lanelets that should touch are boundary. For bounds with different numbers of
+//! points the strip pairs points by their fraction of the length and may cut a corner at the inner bound.
 
 use geo::{BooleanOps, Coord, LineString, MultiPolygon, Polygon, unary_union};
 use parry2d::bounding_volume::Aabb;
@@ -22,20 +22,20 @@ use super::convex::{Convex, depth_of};
 use crate::geometry::Point;
 use crate::map::{Lanelet, RoadNetwork};
 
-/// How far the union of the lanelets is grown, m: gaps up to twice this (1.2 cm) close. Real maps have gaps of
-/// millimetres from rounded coordinates, which must not stop a car; gaps of centimetres count as off the road for the
-/// checkers of the CommonRoad project, so they do here.
-pub const GROWTH: f64 = 0.006;
+/// Inflation of the union of the lanelets, m: it closes gaps up to twice this (1.2 cm). Published maps have gaps of
+/// millimetres from rounded coordinates, which must not stop a vehicle. Gaps of centimetres are off the road for the
+/// checkers of the CommonRoad project, so they are here.
+pub const INFLATION: f64 = 0.006;
 
-/// By how much the grown boundary may lie outside the lanelets, m: at corners it is grown by a square, so √2 · growth.
-/// Checks of footprints add this to their margin, so that the growth closes gaps and widens nothing.
-pub(super) const OUTSIDE: f64 = GROWTH * std::f64::consts::SQRT_2;
+/// Largest distance of the inflated boundary from the lanelets, m: √2 · inflation at corners, which are inflated by a square.
+/// Checks of footprints add it to their margin, so that inflation closes gaps without widening the road.
+pub(super) const OUTSIDE: f64 = INFLATION * std::f64::consts::SQRT_2;
 
 /// The surface covered by lanelets.
 #[derive(Debug, Clone)]
 pub struct DrivableArea {
     origin: Origin,
-    /// Boundary rings, not closed; the area lies to the left.
+    /// Boundary rings, not closed; the area is to their left.
     rings: Vec<Vec<Local>>,
     segments: Vec<Convex>,
     tree: Bvh,
@@ -50,8 +50,8 @@ impl DrivableArea {
     }
 
     pub(super) fn with_origin(network: &RoadNetwork, origin: Origin) -> Self {
-        let triangles: Vec<Polygon> = network.lanelets.values().flat_map(|l| ladder(l, &origin)).collect();
-        let rings = rings_of(&grow(&unary_union(&triangles)));
+        let triangles: Vec<Polygon> = network.lanelets.values().flat_map(|l| triangle_strip(l, &origin)).collect();
+        let rings = rings_of(&inflate(&unary_union(&triangles)));
         let segments: Vec<Convex> =
             rings.iter().flat_map(|ring| edges(ring)).map(|(a, b)| Convex::segment(a, b)).collect();
         let boxes: Vec<Aabb> = segments.iter().map(|s| *s.aabb()).collect();
@@ -59,7 +59,7 @@ impl DrivableArea {
         Self { origin, rings, segments, tree }
     }
 
-    /// Whether there is no surface at all.
+    /// Whether the area is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.segments.is_empty()
@@ -70,13 +70,13 @@ impl DrivableArea {
         self.rings.iter().map(|ring| ring.iter().map(|p| self.origin.world(*p)).collect())
     }
 
-    /// Whether the point lies on the surface ([`GROWTH`] included).
+    /// Whether the point is in the area, [`INFLATION`] included.
     #[must_use]
     pub fn contains(&self, p: Point) -> bool {
         self.contains_local(self.origin.local(p))
     }
 
-    /// Whether a convex polygon lies on the surface as a whole: no boundary cuts it or lies within it, and it is inside.
+    /// Whether a convex polygon is entirely in the area.
     #[must_use]
     pub fn contains_region(&self, region: &[Point]) -> bool {
         let Some(hull) = Convex::hull_of(region.iter().map(|p| self.origin.local(*p)).collect(), 0.0) else {
@@ -97,7 +97,7 @@ impl DrivableArea {
         crossed.count() % 2 == 1
     }
 
-    /// Boundary segments whose boxes meet `aabb`, in an order that depends on the map alone.
+    /// Boundary segments whose boxes meet `aabb`, in an order that depends only on the map.
     pub(super) fn near<'a>(&'a self, aabb: &'a Aabb) -> impl Iterator<Item = &'a Convex> {
         self.tree.intersect_aabb(aabb).map(|leaf| &self.segments[leaf as usize])
     }
@@ -107,15 +107,15 @@ impl DrivableArea {
         &self.segments
     }
 
-    /// Distance from a convex polygon with the given box to the boundary, `cap` at most, m.
+    /// Distance from a convex polygon with the given box to the boundary, at most `cap`, m.
     pub(super) fn boundary_distance(&self, hull: &[Local], aabb: &Aabb, cap: f64) -> f64 {
         super::nearest(&self.tree, &self.segments, hull, aabb, cap)
     }
 
-    /// How far a convex polygon (counter-clockwise) leaves the surface, m; `None` if it does not. For corners outside:
-    /// distance to the surface. For boundary that pokes in between corners outside none: its depth in the polygon.
+    /// Depth by which a convex polygon (counter-clockwise) leaves the area, m; `None` if it does not. With corners outside:
+    /// their largest distance to the area. With all corners inside: the depth of the boundary in the polygon.
     pub(super) fn depth_outside(&self, corners: &[Local]) -> Option<f64> {
-        /// Further off than this is said as this, m.
+        /// Largest reported depth, m.
         const FAR: f64 = 100.0;
         let aabb = Aabb::from_points_ref(corners);
         let cut = self.near(&aabb).any(|segment| segment.overlaps_polygon(corners));
@@ -127,20 +127,21 @@ impl DrivableArea {
         if !cut {
             return corner_depth;
         }
-        let poking = self.near(&aabb).flat_map(|s| s.points()).map(|p| depth_of(corners, *p)).fold(0.0, f64::max);
-        Some(corner_depth.unwrap_or(poking))
+        let boundary_depth =
+            self.near(&aabb).flat_map(|s| s.points()).map(|p| depth_of(corners, *p)).fold(0.0, f64::max);
+        Some(corner_depth.unwrap_or(boundary_depth))
     }
 }
 
-/// The triangles between the bounds of a lanelet, counter-clockwise, those without area left out.
-fn ladder(lanelet: &Lanelet, origin: &Origin) -> Vec<Polygon> {
+/// The triangle strip between the bounds of a lanelet, counter-clockwise, without degenerate triangles.
+fn triangle_strip(lanelet: &Lanelet, origin: &Origin) -> Vec<Polygon> {
     let points = |bound: &[Point]| bound.iter().map(|p| origin.local(*p)).collect::<Vec<_>>();
     let (left, right) = (points(lanelet.left.points()), points(lanelet.right.points()));
     let share = |i: usize, stations: &[f64]| stations[i] / stations[stations.len() - 1];
     let (mut i, mut j) = (0, 0);
     let mut triangles = Vec::with_capacity(left.len() + right.len());
     while i + 1 < left.len() || j + 1 < right.len() {
-        // with as many points on both sides, files pair them; else the side that lags behind goes on
+        // files pair the points of bounds with equal counts; else advance the side that is behind
         let left_next = if left.len() == right.len() {
             i <= j
         } else if i + 1 == left.len() {
@@ -161,12 +162,12 @@ fn ladder(lanelet: &Lanelet, origin: &Origin) -> Vec<Polygon> {
     triangles
 }
 
-/// A counter-clockwise triangle; `None` if its area is nothing.
+/// A counter-clockwise triangle; `None` if it is degenerate.
 fn triangle(a: Local, b: Local, c: Local) -> Option<Polygon> {
-    /// Doubled areas below this are lines, m².
-    const NOTHING: f64 = 1e-9;
+    /// Triangles with a smaller doubled area are degenerate, m².
+    const NEGLIGIBLE: f64 = 1e-9;
     let doubled = (b - a).perp_dot(c - a);
-    if doubled.abs() < NOTHING {
+    if doubled.abs() < NEGLIGIBLE {
         return None;
     }
     let points = if doubled > 0.0 { [a, b, c] } else { [a, c, b] };
@@ -177,14 +178,14 @@ fn polygon(points: &[Local]) -> Polygon {
     Polygon::new(points.iter().map(|p| Coord { x: p.x, y: p.y }).collect(), Vec::new())
 }
 
-/// The area and everything within [`GROWTH`] of it: each boundary edge adds a rectangle that reaches this far over it
-/// on all sides, so at corners the result goes up to √2 times as far.
-fn grow(area: &MultiPolygon) -> MultiPolygon {
+/// The area inflated by [`INFLATION`]: each boundary edge adds a rectangle that extends beyond it by this on all sides, up to
+/// √2 times as far at corners.
+fn inflate(area: &MultiPolygon) -> MultiPolygon {
     let around = rings_of(area);
     let around = around.iter().flat_map(|ring| edges(ring)).map(|(a, b)| {
-        let along = (b - a).normalize_or_zero() * GROWTH;
-        let side = along.perp();
-        polygon(&[a - along - side, b + along - side, b + along + side, a - along + side])
+        let tangent = (b - a).normalize_or_zero() * INFLATION;
+        let side = tangent.perp();
+        polygon(&[a - tangent - side, b + tangent - side, b + tangent + side, a - tangent + side])
     });
     let around: Vec<Polygon> = around.collect();
     area.union_with_fill_rule(&unary_union(&around), geo::algorithm::bool_ops::FillRule::NonZero)
@@ -207,7 +208,7 @@ fn rings_of(area: &MultiPolygon) -> Vec<Vec<Local>> {
         .collect()
 }
 
-/// The closed ring's edges.
+/// The edges of the closed ring.
 fn edges(ring: &[Local]) -> impl Iterator<Item = (Local, Local)> + '_ {
     ring.iter().zip(ring.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
 }

@@ -1,22 +1,28 @@
-//! Where the vehicle can't be, and when: swept footprints against the road's edge, static and moving obstacles.
+//! Collision checks: swept footprints against the road boundary, static and moving obstacles.
 //!
-//! **What it answers.** For an edge of the lattice: the first station at which the swept footprint meets something
-//! static or leaves the road ([`CollisionWorld::static_hit`]), and how far it stays away ([`CollisionWorld::clearance`]);
-//! both without a sweep, coarse to fine, by [`CollisionWorld::probe`], which is what thousands of candidates need.
-//! For a chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
-//! For the start: what it already overlaps ([`CollisionWorld::start_overlap`]).
+//! # Queries
 //!
-//! **Technique.** Footprints are conservative: hulls of the vehicle's rectangle, or of each of its parts (`outline`), at
-//! neighbouring sampled poses, grown by a bound from curvature and spacing (derived in [`swept`]). Predictions are hulls over slices of time ([`moving`]), the road
-//! is the union of its lanelets ([`drivable`]). Broad phases are parry's bounding volume hierarchies, for what stays
-//! the same over a run, and boxes merged along the path, for the sweeps. The narrow phase is a separating-axis test.
-//! So there are no false negatives against the vehicle and obstacle motion that the map describes; false positives
-//! stay within some centimetres at the default settings.
+//! - A lattice edge: the first station at which the swept footprint meets a static obstacle or leaves the road
+//!   ([`CollisionWorld::static_hit`]), and its clearance ([`CollisionWorld::clearance`]). [`CollisionWorld::probe`] answers
+//!   both without a sweep, coarse to fine, for thousands of candidates.
+//! - A chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
+//! - The start: the obstacle or boundary that the vehicle already overlaps ([`CollisionWorld::start_overlap`]).
 //!
-//! **Weakness.** It believes the predictions, unless it is asked about motions around them ([`uncertainty`]). Stations are resolved to the cell (0.5 m), times to the slice (0.1 s).
-//! Where the vehicle drifts off its path, only the margins protect it.
+//! # Technique
 //!
-//! All poses are those of the rear axle, in world coordinates; times are seconds since time step 0 of the file.
+//! Footprints are conservative: hulls of the vehicle's rectangle, or of each of its parts (`outline`), at neighbouring
+//! sampled poses, inflated by a bound from curvature and spacing (derived in [`swept`]). Predictions are hulls over time
+//! slices ([`moving`]); the road is the union of its lanelets ([`drivable`]). The broad phase uses parry's bounding volume
+//! hierarchies for the world and boxes merged along the path for sweeps. The narrow phase is a separating-axis test. There
+//! are no false negatives for the vehicle and the obstacle motion that the map describes; false positives are within some
+//! centimetres at the default settings.
+//!
+//! # Weaknesses
+//!
+//! Predictions are assumed to be exact, unless reachable sets replace them ([`uncertainty`]). Stations are resolved to a
+//! cell (0.5 m), times to a slice (0.1 s). Only the margins cover tracking errors.
+//!
+//! All poses are those of the rear axle in world coordinates; times are seconds since time step 0 of the file.
 
 mod blocked;
 mod coarse;
@@ -52,21 +58,22 @@ use crate::map::{Motion, Scenario};
 use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
-/// Resolution and margins of the collision checks.
+/// Resolution and margins of the collision checks; the section `[planner.collision]` of a settings file.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CollisionSettings {
-    /// Length of a station cell at most, m. Smaller cells are tighter and cost more; the excess grows with its square.
+    /// Largest length of a station cell, m. Smaller cells have tighter footprints and cost more; the excess grows with the
+    /// square of the length.
     pub spacing: f64,
     /// Length of a time slice of the predictions, s.
     pub time_slice: f64,
-    /// Distance kept from static obstacles.
+    /// Margins to static obstacles, m.
     pub static_obstacles: Margins,
-    /// Distance kept from moving obstacles.
+    /// Margins to moving obstacles, m.
     pub moving_obstacles: Margins,
-    /// Distance kept from the road's edge, m.
+    /// Margin to the road boundary, m.
     pub road: f64,
-    /// Whether cells of an occupancy grid that nobody knows count as occupied.
+    /// Whether unknown cells of an occupancy grid count as occupied.
     pub unknown_is_occupied: bool,
 }
 
@@ -91,9 +98,9 @@ pub struct SettingsError {
     pub field: &'static str,
     /// Its value.
     pub value: f64,
-    /// Least value allowed.
+    /// Smallest permitted value.
     pub min: f64,
-    /// Largest value allowed.
+    /// Largest permitted value.
     pub max: f64,
 }
 
@@ -103,7 +110,7 @@ impl CollisionSettings {
     /// # Errors
     /// The first setting that is out of range or not a number.
     pub fn validate(&self) -> Result<(), SettingsError> {
-        // spacing: below a centimetre only time is lost, above two metres the excess at full lock passes half a metre
+        // spacing: below a centimetre there is no benefit; above two metres the excess at full lock exceeds half a metre
         let fields = [
             ("spacing", self.spacing, 0.01, 2.0),
             ("time_slice", self.time_slice, 0.01, 1.0),
@@ -117,7 +124,7 @@ impl CollisionSettings {
         wrong.map_or(Ok(()), |(field, value, min, max)| Err(SettingsError { field, value, min, max }))
     }
 
-    /// The largest of all margins, for bounds that must hold with each.
+    /// The largest margins, for bounds that must hold with each of them.
     fn widest(&self) -> Margins {
         let (s, m, road) = (self.static_obstacles, self.moving_obstacles, self.road + drivable::OUTSIDE);
         Margins {
@@ -127,27 +134,27 @@ impl CollisionSettings {
     }
 }
 
-/// What is in the way.
+/// The cause of a blocked path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Blocker {
     /// An obstacle, by its id in the file.
     Obstacle(i64),
     /// A cell of the occupancy grid.
     OccupiedCell,
-    /// The edge of the road.
+    /// The road boundary.
     RoadBoundary,
 }
 
-/// An overlap of the bare footprint.
+/// An overlap of the footprint without margins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overlap {
-    /// With what.
+    /// What the footprint overlaps.
     pub what: Blocker,
-    /// How far the vehicle would have to move to be free of it, m: exact for two polygons, an estimate off the road.
+    /// Distance that the vehicle would have to move to be free, m: exact for two polygons, an estimate off the road.
     pub depth: f64,
 }
 
-/// Everything that can be in the way of a vehicle in a scenario. Built once for a run; every query is read-only.
+/// All static and moving obstacles of a scenario and its road, for one vehicle. Built once per run; queries are read-only.
 #[derive(Debug, Clone)]
 pub struct CollisionWorld {
     origin: Origin,
@@ -158,8 +165,8 @@ pub struct CollisionWorld {
 }
 
 impl CollisionWorld {
-    /// Builds the road's surface, the static obstacles and the predictions up to `horizon` (s since time step 0 of the
-    /// file: the end of the run plus what the last plan looks ahead).
+    /// Builds the road surface, the static obstacles and the predictions up to `horizon` (s since time step 0 of the file:
+    /// the end of the run plus the horizon of the last plan).
     ///
     /// # Errors
     /// A setting out of its range.
@@ -201,16 +208,16 @@ impl CollisionWorld {
     /// The swept footprint along a spiral.
     #[must_use]
     pub fn sweep(&self, start: &Pose, spiral: &CubicSpiral) -> Sweep {
-        Sweep::along(&self.origin, &self.outline, &self.settings, &[(*start, *spiral)])
+        Sweep::new(&self.origin, &self.outline, &self.settings, &[(*start, *spiral)])
     }
 
     /// The swept footprint along a whole path.
     #[must_use]
     pub fn sweep_path(&self, path: &Path) -> Sweep {
-        Sweep::along(&self.origin, &self.outline, &self.settings, &swept::pieces_of(path))
+        Sweep::new(&self.origin, &self.outline, &self.settings, &swept::pieces_of(path))
     }
 
-    /// The check of a spiral against what does not move, coarse to fine and lazily: the answers of
+    /// A lazy coarse-to-fine check of a spiral against the static world: the results of
     /// [`CollisionWorld::static_hit_from_start`] and [`CollisionWorld::clearance`] without a [`Sweep`].
     #[must_use]
     pub fn probe(&self, start: &Pose, spiral: &CubicSpiral) -> EdgeProbe<'_> {
@@ -223,33 +230,33 @@ impl CollisionWorld {
         EdgeProbe::new(self, &swept::pieces_of(path))
     }
 
-    /// The first cell that meets a static obstacle or leaves the road, margins included.
+    /// The first cell that meets a static obstacle or leaves the road, with margins.
     #[must_use]
     pub fn static_hit(&self, sweep: &Sweep) -> Option<StaticHit> {
         self.statics.first_hit(sweep, &Allowance::NONE)
     }
 
-    /// [`CollisionWorld::static_hit`] for a sweep from where the vehicle stands, which may be inside a margin or partly
-    /// off the road already.
+    /// [`CollisionWorld::static_hit`] for a sweep from the vehicle's position, which may already be inside a margin or
+    /// partly off the road.
     #[must_use]
     pub fn static_hit_from_start(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
         self.statics.first_hit(sweep, allowance)
     }
 
-    /// Distances to static obstacles and to the road's edge along the sweep, without margins, `cap` at most, m.
+    /// Smallest distances of the sweep to static obstacles and to the road boundary, without margins, at most `cap`, m.
     #[must_use]
     pub fn clearance(&self, sweep: &Sweep, cap: f64) -> Clearance {
         self.statics.clearance(sweep, cap)
     }
 
-    /// What moving obstacles block along sweeps that follow one another, between two times.
+    /// The cells that moving obstacles block on consecutive sweeps between two times (s).
     #[must_use]
     pub fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
         self.predictions.blocked(sweeps, from, to)
     }
 
-    /// What the vehicle, without margins, overlaps at a pose and a time: an obstacle before the road's edge; of several
-    /// parts of the vehicle, the one that is deeper in.
+    /// The overlap of the vehicle without margins at a pose and a time (s). An obstacle takes precedence over the road
+    /// boundary; of several parts of the vehicle, the one with the largest depth.
     #[must_use]
     pub fn start_overlap(&self, pose: &Pose, time: f64) -> Option<Overlap> {
         let frame = Frame::new(&self.origin.local_pose(pose));
@@ -257,17 +264,17 @@ impl CollisionWorld {
         let mut worst: Option<Overlap> = None;
         self.outline.for_each_part(&frame, |part| {
             let fixed = self.statics.overlap(part);
-            let found = fixed.filter(is_obstacle).or_else(|| self.predictions.overlap(part, time)).or(fixed);
+            let overlap = fixed.filter(is_obstacle).or_else(|| self.predictions.overlap(part, time)).or(fixed);
             let rank = |o: Overlap| (is_obstacle(&o), o.depth);
-            if found.map(rank) > worst.map(rank) {
-                worst = found;
+            if overlap.map(rank) > worst.map(rank) {
+                worst = overlap;
             }
         });
         worst
     }
 }
 
-/// An origin amid the road, or amid obstacles and start where there is no road.
+/// An origin in the middle of the road, or of obstacles and start if there is no road.
 fn origin_of(scenario: &Scenario) -> Origin {
     let lanelets = scenario.network.lanelets.values();
     let bounds = lanelets.flat_map(|l| l.left.points().iter().chain(l.right.points()));
@@ -280,11 +287,11 @@ fn origin_of(scenario: &Scenario) -> Origin {
     if scenario.network.lanelets.is_empty() { Origin::amid(poses.chain(starts)) } else { Origin::amid(bounds) }
 }
 
-/// Boxes are believed to be this much nearer than they are, m: so rounding decides nothing, and the least distance is the
-/// same in whatever order the pieces are asked.
+/// Tolerance of box distances, m. With it rounding cannot exclude a piece, and the smallest distance does not depend on the
+/// order of the pieces.
 const ROUNDING: f64 = 1e-9;
 
-/// Distance from a convex polygon with the given box to the nearest piece, `cap` at most, m.
+/// Distance from a convex polygon with the given box to the nearest piece, at most `cap`, m.
 fn nearest(tree: &Bvh, pieces: &[Convex], hull: &[Local], aabb: &Aabb, cap: f64) -> f64 {
     let to_box = |node: &parry2d::partitioning::BvhNode, _| box_distance(&node.aabb(), aabb) - ROUNDING;
     let to_piece = |leaf: u32, _| Some(pieces[leaf as usize].distance_to(hull));

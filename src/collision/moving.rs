@@ -1,29 +1,29 @@
-//! Predicted motion of the moving obstacles, and what it blocks along a sweep.
+//! Predicted motion of the moving obstacles, and the cells of a sweep that it blocks.
 //!
 //! # Technique
-//! Time is cut into slices of equal length (0.1 s by default), slice j from j·Δt to (j+1)·Δt since the start of the
-//! file. For each obstacle and slice the region covered during the slice is kept as convex pieces:
+//! Time is divided into slices of equal length (0.1 s by default), slice j from j·Δt to (j+1)·Δt since the start of the
+//! file. For each obstacle and slice, convex pieces cover the region of the obstacle during the slice:
 //!
 //! * **Trajectory.** The hull of each piece of the shape at both ends of the slice and at the states in between.
 //!   Between states position and yaw are interpolated linearly ([`crate::map::Obstacle::pose_at`]), so a point at
-//!   radius r of the frame leaves the chord by at most r·Δψ²/8 where the yaw changes by Δψ (the linear part of the
-//!   motion has no second derivative): the hull is grown by that.
-//! * **Occupancy sets.** Their regions, for all slices that they share time with; a set holds until the next begins.
+//!   radius r of the frame leaves the chord by at most r·Δψ²/8 if the yaw changes by Δψ (the linear part of the motion has
+//!   no second derivative). The hull is inflated by that.
+//! * **Occupancy sets.** Their regions, for all slices that they overlap in time; a set is valid until the next one starts.
 //!
-//! Before its first and after its last state an obstacle is absent, as CommonRoad has it. This is built once for a
-//! run. A query asks parry's hierarchy over chunks of slices for those that meet the sweep's box at all, then descends
-//! the sweep's own hierarchy with the box of each slice, and decides by exact tests.
+//! Before its first and after its last state an obstacle is absent, as in CommonRoad. The regions are built once per run. A
+//! query selects chunks of slices whose boxes meet the box of the sweep, by parry's hierarchy; then the cells near the box of
+//! each slice, by the hierarchy of the sweep; then it decides by exact tests.
 //!
-//! # What else may count
-//! [`Predictions::without`] leaves slices of some obstacles out (of those who give way); [`Predictions::grown`] covers
-//! every motion within bounds around the predicted ones, as seen from a moment ([`super::uncertainty`]). Both are
-//! predictions again and are asked in the same way.
+//! # Modified predictions
+//! [`Predictions::without`] removes slices of some obstacles (those that yield). [`Predictions::reachable`] covers every
+//! motion within bounds around the predicted ones from a given time on ([`super::uncertainty`]). Both results are
+//! predictions and support the same queries.
 //!
-//! What predictions block is kept with each sweep. It is kept for the first predictions that ask; the answers to all others,
-//! and to grown ones, which hold for one moment only, are computed each time.
+//! The blocked cells are cached with each sweep, for the first predictions that are queried. For other predictions, and for
+//! reachable sets, which are valid for one time only, they are computed in every query.
 //!
 //! # Weakness
-//! A piece that moves far in a slice while turning is covered by one hull. Nothing is known beyond the horizon.
+//! One hull covers a piece that moves far in a slice while turning. There are no regions beyond the horizon.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -43,10 +43,10 @@ use crate::map::{ConvexPart, Motion, Obstacle, ObstacleKind, TimedOccupancy, Tim
 
 /// Slices per leaf of the hierarchy over time and space.
 const CHUNK: usize = 8;
-/// Times are products of step numbers and step lengths: allow their rounding, s.
+/// Rounding tolerance of times, which are products of step numbers and step lengths, s.
 const TIME_SLACK: f64 = 1e-9;
 
-/// The moving obstacles' predicted regions in slices of time.
+/// The predicted regions of the moving obstacles in time slices.
 #[derive(Debug, Clone)]
 pub struct Predictions {
     slice: f64,
@@ -58,27 +58,27 @@ pub struct Predictions {
     tracks: Vec<Arc<Track>>,
     chunks: Vec<Chunk>,
     tree: Bvh,
-    /// Tells these predictions from others (a clone is the same); `None` if nothing is to be kept of them.
+    /// Identity for the cache (clones share it); `None` if results are not cached.
     identity: Option<Arc<()>>,
 }
 
-/// What these predictions block along a sweep, kept with it: a sweep on a kept edge is asked about in many cycles.
+/// The blocked cells of a sweep, cached with it: many cycles query the sweep of a cached edge.
 #[derive(Debug, Clone)]
 pub(super) struct KeptRuns {
     /// Identity of the predictions.
     of: Arc<()>,
-    /// First slice that was looked at; all later ones were.
+    /// First slice of the result, which contains all later ones.
     first: usize,
     runs: CellRuns,
 }
 
-/// One obstacle's regions: those of slice `first + i` are `slices[i]`.
+/// The regions of one obstacle; those of slice `first + i` are `slices[i]`.
 #[derive(Debug, Clone)]
 struct Track {
     id: i64,
     first: usize,
     slices: Vec<Slice>,
-    /// The predicted motion in each of the slices; `None` for prediction sets, which have no heading.
+    /// The predicted motion in the slices; `None` for prediction sets, which have no heading.
     course: Option<Course>,
 }
 
@@ -91,7 +91,7 @@ struct Course {
     may_reverse: Reversing,
 }
 
-/// Whether an obstacle of its kind may move backwards.
+/// Whether an obstacle of a kind may move backwards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Reversing {
     Always,
@@ -105,7 +105,7 @@ struct Slice {
     aabb: Option<Aabb>,
 }
 
-/// Some slices of a track.
+/// Consecutive slices of a track.
 #[derive(Debug, Clone)]
 struct Chunk {
     track: usize,
@@ -114,7 +114,7 @@ struct Chunk {
 }
 
 impl Predictions {
-    /// Cuts the motion of all moving obstacles from time 0 to `horizon` (s since time step 0 of the file) into slices.
+    /// Divides the motion of all moving obstacles from time 0 to `horizon` (s since time step 0 of the file) into slices.
     pub(super) fn new(obstacles: &[Obstacle], origin: Origin, settings: &CollisionSettings, horizon: f64) -> Self {
         let slice = settings.time_slice;
         let slices = index((horizon / slice - TIME_SLACK).ceil());
@@ -142,39 +142,39 @@ impl Predictions {
         Self { tracks, chunks, tree, identity, obstacles: Arc::clone(&self.obstacles), ..*self }
     }
 
-    /// These predictions without the slices of some obstacles that end by a time each (id, s since time step 0 of the
-    /// file); later ones stay.
+    /// These predictions without the slices of some obstacles up to a time: (id, s since time step 0 of the file). Later
+    /// slices remain.
     #[must_use]
-    pub fn without(&self, left_out: &[(i64, f64)]) -> Self {
-        let left = |track: &Arc<Track>| match left_out.iter().find(|(id, _)| *id == track.id) {
+    pub fn without(&self, removed: &[(i64, f64)]) -> Self {
+        let remaining = |track: &Arc<Track>| match removed.iter().find(|(id, _)| *id == track.id) {
             Some((_, until)) => Arc::new(track.after(until / self.slice + TIME_SLACK)),
             None => Arc::clone(track),
         };
-        self.with_tracks(self.tracks.iter().map(left).collect(), Some(Arc::new(())))
+        self.with_tracks(self.tracks.iter().map(remaining).collect(), Some(Arc::new(())))
     }
 
-    /// The regions that the obstacles may cover from `now` on (s since time step 0 of the file), their states then being
-    /// the predicted ones and their later motions anything within the bounds. Prediction sets stay as they are.
+    /// The reachable sets of the obstacles from `now` on (s since time step 0 of the file): their states at `now` are the
+    /// predicted ones, their later motions any within the bounds. Prediction sets remain unchanged.
     #[must_use]
-    pub fn grown(&self, now: f64, bounds: &MotionBounds) -> Self {
-        if bounds.hold_nothing_more() {
+    pub fn reachable(&self, now: f64, bounds: &MotionBounds) -> Self {
+        if bounds.is_zero() {
             return self.clone();
         }
-        let grown = |track: &Arc<Track>| match &track.course {
-            Some(course) => Arc::new(track.grown(course, now, self.slice, bounds)),
+        let reachable = |track: &Arc<Track>| match &track.course {
+            Some(course) => Arc::new(track.reachable(course, now, self.slice, bounds)),
             None => Arc::clone(track),
         };
-        self.with_tracks(self.tracks.iter().map(grown).collect(), None)
+        self.with_tracks(self.tracks.iter().map(reachable).collect(), None)
     }
 
-    /// End of what is predicted, s since time step 0 of the file.
+    /// End of the predictions, s since time step 0 of the file.
     #[must_use]
     pub fn horizon(&self) -> f64 {
         self.slices as f64 * self.slice
     }
 
-    /// What the moving obstacles block along sweeps that follow one another, from time `from` to `to` (s since time
-    /// step 0 of the file; widened to whole slices, cut at the horizon).
+    /// The cells that the moving obstacles block on consecutive sweeps, from time `from` to `to` (s since time step 0 of the
+    /// file; extended to whole slices and limited to the horizon).
     #[must_use]
     pub fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
         let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
@@ -190,7 +190,7 @@ impl Predictions {
         grid.finish()
     }
 
-    /// The runs kept with the sweep, unless they are of other predictions, or begin too late.
+    /// The runs cached with the sweep; `None` if they belong to other predictions or start too late.
     fn kept_runs<'s>(&self, sweep: &'s Sweep, first: usize) -> Option<&'s CellRuns> {
         let identity = self.identity.as_ref()?;
         let new = || KeptRuns { of: Arc::clone(identity), first, runs: self.runs(sweep, first) };
@@ -206,10 +206,10 @@ impl Predictions {
     }
 
     /// Marks the slices in which the sweep's cells are blocked.
-    fn mark(&self, sweep: &Sweep, wanted: Range<usize>, bits: &mut SliceBits) {
+    fn mark(&self, sweep: &Sweep, range: Range<usize>, bits: &mut SliceBits) {
         let reach = with_margins(sweep.boxes().bounds(), &self.margins);
         let mut found: Vec<u32> = self.tree.intersect_aabb(&reach).collect();
-        // chunks are in order of obstacle and time: the first obstacle to block a cell keeps it
+        // chunks are in order of obstacle and time, so that the lowest id blocks a cell
         found.sort_unstable();
         let mut corners: Vec<Option<SweptCorners>> = vec![None; sweep.cells()];
         for chunk in found.into_iter().map(|i| &self.chunks[i as usize]) {
@@ -217,23 +217,23 @@ impl Predictions {
             for i in chunk.slices.clone() {
                 let j = track.first + i;
                 let slice = &track.slices[i];
-                let Some(aabb) = slice.aabb.filter(|_| wanted.contains(&j)) else { continue };
+                let Some(aabb) = slice.aabb.filter(|_| range.contains(&j)) else { continue };
                 sweep.cells_near(&aabb, &slice.pieces, &self.margins, |cell| {
                     let station_cell = sweep.grid_cell(cell);
-                    if bits.is_set(station_cell, j - wanted.start) {
+                    if bits.is_set(station_cell, j - range.start) {
                         return;
                     }
                     let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, &self.margins));
                     let reach = with_margins(sweep.boxes().cell(cell), &self.margins);
                     if slice.pieces.iter().any(|p| boxes_meet(p.aabb(), &reach) && p.overlaps(shape)) {
-                        bits.set(station_cell, j - wanted.start, chunk.track);
+                        bits.set(station_cell, j - range.start, chunk.track);
                     }
                 });
             }
         }
     }
 
-    /// The first obstacle, in order of id, that shares a point with the convex polygon at `time`, no margins.
+    /// The first obstacle, in order of id, that shares a point with the convex polygon at `time`, without margins.
     pub(super) fn overlap(&self, hull: &[super::convert::Local], time: f64) -> Option<Overlap> {
         self.obstacles.iter().find_map(|obstacle| {
             let parts = obstacle.occupied_at(time);
@@ -245,12 +245,12 @@ impl Predictions {
 }
 
 /// A non-negative whole number as an index; negative and not-a-number become 0.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // float casts saturate, which is what is wanted
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // float casts saturate, as intended
 fn index(x: f64) -> usize {
     x as usize
 }
 
-/// Chunks of all tracks, and parry's tree over their boxes.
+/// Chunks of all tracks, and a hierarchy over their boxes.
 fn hierarchy(tracks: &[Arc<Track>]) -> (Vec<Chunk>, Bvh) {
     let (chunks, boxes): (Vec<Chunk>, Vec<Aabb>) = tracks.iter().enumerate().flat_map(chunks_of).unzip();
     (chunks, Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes))
@@ -288,34 +288,34 @@ impl Track {
         }
     }
 
-    /// Without the slices that end by `until`, in slices.
+    /// The track without the slices up to `until`, in slices.
     fn after(&self, until: f64) -> Self {
-        let gone = index(until).saturating_sub(self.first).min(self.slices.len());
-        let mut left = self.clone();
-        left.slices[..gone].fill_with(Slice::default);
-        left
+        let removed = index(until).saturating_sub(self.first).min(self.slices.len());
+        let mut remaining = self.clone();
+        remaining.slices[..removed].fill_with(Slice::default);
+        remaining
     }
 
-    /// What may be covered in the slices from `now` on.
-    fn grown(&self, course: &Course, now: f64, slice: f64, bounds: &MotionBounds) -> Self {
+    /// The reachable set in the slices from `now` on.
+    fn reachable(&self, course: &Course, now: f64, slice: f64, bounds: &MotionBounds) -> Self {
         let may_reverse = bounds.vehicles_reverse || course.may_reverse == Reversing::Always;
         let mut spread = Spread::new(bounds, may_reverse);
-        let unseen = course.begins.time - now;
-        if let Some(leg) = course.legs.first().filter(|_| unseen > 0.0) {
-            // until it appears it comes as it then goes
+        let absent = course.begins.time - now;
+        if let Some(leg) = course.legs.first().filter(|_| absent > 0.0) {
+            // before it appears, extrapolate its first state backwards
             let (low, _) = leg.headings;
-            let way = course.begins.speed.abs() * unseen;
-            spread.advance(unseen, &Leg { end: course.begins.time, headings: leg.headings, heading: low, way });
+            let distance = course.begins.speed.abs() * absent;
+            spread.advance(absent, &Leg { end: course.begins.time, headings: leg.headings, heading: low, distance });
         }
         let past = index((now / slice + TIME_SLACK).floor()).saturating_sub(self.first).min(self.slices.len());
-        let grown = |(region, leg): (&Slice, &Leg)| {
+        let reachable = |(region, leg): (&Slice, &Leg)| {
             spread.advance(leg.end - now, leg);
             let reach = spread.reach(leg);
-            let mut grown = Slice::default();
-            region.pieces.iter().filter_map(|p| p.spread(&reach)).for_each(|p| grown.push(p));
-            grown
+            let mut reachable = Slice::default();
+            region.pieces.iter().filter_map(|p| p.minkowski_sum(&reach)).for_each(|p| reachable.push(p));
+            reachable
         };
-        let slices = self.slices.iter().zip(&course.legs).skip(past).map(grown).collect();
+        let slices = self.slices.iter().zip(&course.legs).skip(past).map(reachable).collect();
         Self { id: self.id, first: self.first + past, slices, course: None }
     }
 }
@@ -336,10 +336,10 @@ fn of_trajectory(
 ) -> Option<(usize, Vec<Slice>, Vec<Leg>)> {
     let (first, last) = (states.first()?, states.last()?);
     let states: Vec<(f64, Pose)> = states.iter().map(|s| (s.time, origin.local_pose(&s.pose))).collect();
-    let held = touched(first.time, last.time, slice, slices);
-    let (mut found, mut legs) = (Vec::with_capacity(held.len()), Vec::with_capacity(held.len()));
+    let range = overlapped(first.time, last.time, slice, slices);
+    let (mut regions, mut legs) = (Vec::with_capacity(range.len()), Vec::with_capacity(range.len()));
     let mut heading = first.pose.yaw;
-    for j in held.clone() {
+    for j in range.clone() {
         let (from, to) = ((j as f64 * slice).max(first.time), ((j + 1) as f64 * slice).min(last.time));
         let poses = poses_between(&states, from, to);
         let leg = leg_along(&poses, heading, to);
@@ -353,24 +353,23 @@ fn of_trajectory(
                 region.push(piece);
             }
         }
-        found.push(region);
+        regions.push(region);
     }
-    (!found.is_empty()).then_some((held.start, found, legs))
+    (!regions.is_empty()).then_some((range.start, regions, legs))
 }
 
-/// The motion through some poses, from a heading that is not wrapped to a time.
+/// The motion through some poses, from an unwrapped heading, up to a time.
 fn leg_along(poses: &[Pose], mut heading: f64, end: f64) -> Leg {
-    let (mut headings, mut way) = ((heading, heading), 0.0);
+    let (mut headings, mut distance) = ((heading, heading), 0.0);
     for pair in poses.windows(2) {
         heading += wrap_angle(pair[1].yaw - pair[0].yaw);
         headings = (headings.0.min(heading), headings.1.max(heading));
-        way += (pair[1].position - pair[0].position).norm();
+        distance += (pair[1].position - pair[0].position).norm();
     }
-    Leg { end, headings, heading, way }
+    Leg { end, headings, heading, distance }
 }
 
-/// The poses at both times and the states in between. Poses between states are interpolated as
-/// [`Obstacle::pose_at`] does.
+/// The poses at both times and the states in between, interpolated like [`Obstacle::pose_at`].
 fn poses_between(states: &[(f64, Pose)], from: f64, to: f64) -> Vec<Pose> {
     let at = |time: f64| {
         let after = states.partition_point(|(t, _)| *t <= time);
@@ -384,13 +383,13 @@ fn poses_between(states: &[(f64, Pose)], from: f64, to: f64) -> Vec<Pose> {
     at(from).into_iter().chain(between).chain(at(to)).collect()
 }
 
-/// The first slice with a region, and all up to the last.
+/// The first slice with a region, and all regions up to the last one.
 fn of_sets(sets: &[TimedOccupancy], origin: &Origin, slice: f64, slices: usize) -> Option<(usize, Vec<Slice>)> {
     let mut found: BTreeMap<usize, Slice> = BTreeMap::new();
     for (i, set) in sets.iter().enumerate() {
         let until = sets.get(i + 1).map_or(set.to, |next| next.from.max(set.to));
         let pieces: Vec<Convex> = set.region.convex_parts().iter().filter_map(|p| Convex::of_part(p, origin)).collect();
-        for j in touched(set.from, until, slice, slices) {
+        for j in overlapped(set.from, until, slice, slices) {
             let region = found.entry(j).or_default();
             pieces.iter().for_each(|p| region.push(p.clone()));
         }
@@ -403,8 +402,8 @@ fn of_sets(sets: &[TimedOccupancy], origin: &Origin, slice: f64, slices: usize) 
     Some((first, dense))
 }
 
-/// The slices that share more than an instant with the interval; for an instant, those that hold it.
-fn touched(from: f64, to: f64, slice: f64, slices: usize) -> Range<usize> {
+/// The slices that share more than an instant with the interval; for an instant, those that contain it.
+fn overlapped(from: f64, to: f64, slice: f64, slices: usize) -> Range<usize> {
     let slack = if to - from > 2.0 * TIME_SLACK { TIME_SLACK } else { -TIME_SLACK };
     if to < 0.0 {
         return 0..0;

@@ -1,19 +1,18 @@
-//! The vehicle's outline: a rectangle around it, and its parts where it is not just that rectangle.
+//! The outline of the vehicle: a bounding rectangle, and convex parts if the vehicle is not a rectangle.
 //!
 //! # Technique
-//! Most vehicles are one rectangle ([`Body`]); then there is nothing else here, and nothing else is computed. Otherwise the
-//! rectangle around all parts decides first, and only what meets its swept hull is asked of the parts, each for
-//! itself: the hull of a part at both ends of a cell, grown by margins and ε. No hull is made around several parts,
-//! which would bridge the room between them. The bound ε (derived in [`super::swept`]) holds for every point of the
-//! body; it is taken for the outermost corner of the rectangle, which lies no nearer than that of any part.
+//! Most vehicles are one rectangle ([`Body`]) and have no parts. Otherwise the bounding rectangle is tested first, and the
+//! parts only against obstacles that meet its swept hull: each part separately, by its hull at both ends of a cell, inflated
+//! by margins and ε. A hull around several parts would cover the gap between them. The bound ε (derived in
+//! [`super::swept`]) holds for every point of the body; it is computed for the outermost corner of the rectangle, which is
+//! at least as far out as that of any part.
 //!
-//! Growing by margins is the Minkowski sum with the rectangle of the margins in the vehicle's axes, exact and convex. Its
-//! corners are the part's, each moved by those corners of the margin rectangle that are outermost in the directions
-//! between the normals of the two edges that meet there; these signs are computed once, so that growing by any margin
-//! is one multiplication.
+//! Inflation by margins is the Minkowski sum with the rectangle of the margins in the axes of the vehicle, exact and convex.
+//! Its corners are those of the part, each displaced by the corners of the margin rectangle that are extreme between the
+//! normals of its two edges. These signs are computed once, so that inflation by any margin is one multiplication.
 //!
 //! # Weakness
-//! A part costs about as much as the rectangle does, and its hulls live on the heap.
+//! A part costs about as much as the rectangle, and its hulls are on the heap.
 
 use std::sync::Arc;
 
@@ -22,11 +21,11 @@ use super::convex::Convex;
 use super::swept::{Body, Frame, Margins};
 use crate::vehicle::Vehicle;
 
-/// What the vehicle covers, in the rear-axle frame.
+/// The area of the vehicle in the rear-axle frame.
 #[derive(Debug, Clone)]
 pub(super) struct Outline {
     body: Body,
-    /// `None` when the body is the outline and holds the rear axle.
+    /// `None` if the vehicle is the rectangle and contains the rear axle.
     parts: Option<Arc<[Part]>>,
 }
 
@@ -35,12 +34,12 @@ pub(super) struct Outline {
 struct Part {
     /// Counter-clockwise.
     corners: Vec<Local>,
-    grown: Vec<GrownCorner>,
+    inflated: Vec<InflatedCorner>,
 }
 
-/// A corner of a part grown by margins: `at` moved by the margins with the signs `out`.
+/// A corner of an inflated part: `at` displaced by the margins with the signs `out`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct GrownCorner {
+struct InflatedCorner {
     at: Local,
     out: Local,
 }
@@ -54,12 +53,12 @@ impl Outline {
         Self { body, parts }
     }
 
-    /// The rectangle around the vehicle.
+    /// The bounding rectangle of the vehicle.
     pub(super) fn body(&self) -> &Body {
         &self.body
     }
 
-    /// Calls `visit` with the corners of every part (counter-clockwise) where the vehicle stands.
+    /// Calls `visit` with the corners of every part (counter-clockwise) at the frame.
     pub(super) fn for_each_part(&self, frame: &Frame, mut visit: impl FnMut(&[Local])) {
         match &self.parts {
             None => visit(&self.body.corners(frame)),
@@ -67,8 +66,8 @@ impl Outline {
         }
     }
 
-    /// Whether a point of every part passes a test: where no boundary meets the parts, what holds for the point holds
-    /// for the part. For a rectangle that point is the rear axle.
+    /// Whether one point of every part passes a test. If no boundary meets the parts, the result for the point is valid for
+    /// the whole part. For a rectangle the point is the rear axle.
     pub(super) fn all_parts(&self, frame: &Frame, test: impl Fn(Local) -> bool) -> bool {
         match &self.parts {
             None => test(frame.at),
@@ -76,7 +75,7 @@ impl Outline {
         }
     }
 
-    /// The parts swept from one frame to the next, grown by the margins and by `slack`; `None` when the body is all.
+    /// The parts swept from one frame to the next, inflated by the margins and by `slack`; `None` for a rectangle.
     pub(super) fn swept(&self, ends: [Frame; 2], margins: &Margins, slack: f64) -> Option<Box<SweptParts>> {
         let parts = Arc::clone(self.parts.as_ref()?);
         let by = Local::new(margins.longitudinal + slack, margins.lateral + slack);
@@ -91,12 +90,12 @@ impl Part {
             let edge = corners[(i + 1) % n] - corners[i % n];
             Local::new(edge.y, -edge.x)
         };
-        let grown = (0..n).flat_map(|i| {
+        let inflated = (0..n).flat_map(|i| {
             let (before, after) = (outward(i + n - 1), outward(i));
             signs_between(before, after).map(move |out| (i, out)).collect::<Vec<_>>()
         });
-        let grown = grown.map(|(i, out)| GrownCorner { at: corners[i], out }).collect();
-        Self { grown, corners }
+        let inflated = inflated.map(|(i, out)| InflatedCorner { at: corners[i], out }).collect();
+        Self { inflated, corners }
     }
 
     fn at(&self, frame: &Frame) -> Vec<Local> {
@@ -104,18 +103,18 @@ impl Part {
     }
 }
 
-/// The corners of the unit square that are outermost in the directions from normal `a` counter-clockwise to normal `b`, less
-/// than half a turn on.
+/// The corners of the unit square that are extreme in the directions from normal `a` counter-clockwise to normal `b`, which
+/// are less than 180° apart.
 pub(super) fn signs_between(a: Local, b: Local) -> impl Iterator<Item = Local> {
     const CORNERS: [Local; 4] =
         [Local::new(1.0, 1.0), Local::new(-1.0, 1.0), Local::new(-1.0, -1.0), Local::new(1.0, -1.0)];
-    // just after a, and just before b: mirrored, where an axis begins a quadrant it ends one
+    // the quadrants just after a and just before b; the latter by mirroring, which exchanges start and end of a quadrant
     let (from, to) = (quadrant(a), 4 - quadrant(Local::new(b.y, b.x)));
     let count = (to + 4 - from) % 4;
     (0..=count).map(move |i| CORNERS[(from + i) % 4])
 }
 
-/// The quadrant that a direction lies in, 0 to 3 counter-clockwise; an axis belongs to the quadrant that begins with it.
+/// The quadrant of a direction, 0 to 3 counter-clockwise; an axis belongs to the quadrant that starts at it.
 fn quadrant(d: Local) -> usize {
     if d.y > 0.0 || (d.y == 0.0 && d.x > 0.0) {
         if d.x > 0.0 { 0 } else { 1 }
@@ -126,14 +125,14 @@ fn quadrant(d: Local) -> usize {
     }
 }
 
-/// Parts swept through a cell; hulls are built when first asked for.
+/// Parts swept through a cell; hulls are built on demand.
 #[derive(Debug, Clone)]
 pub(super) struct SweptParts {
     parts: Arc<[Part]>,
     ends: [Frame; 2],
-    /// By how much the parts are grown, along and across, m.
+    /// Inflation of the parts, longitudinal and lateral, m.
     by: Local,
-    /// Of the first parts, in their order.
+    /// Hulls of the first parts, in order.
     hulls: Vec<Convex>,
 }
 
@@ -144,7 +143,7 @@ impl SweptParts {
             if self.hulls.len() <= i {
                 self.hulls.extend(self.hull(i));
             }
-            // a hull that is missing had no finite corner, and nothing is known about it
+            // a missing hull has no finite corner: assume an overlap
             self.hulls.get(i).is_none_or(|hull| piece.overlaps_polygon(hull.points()))
         })
     }
@@ -155,8 +154,8 @@ impl SweptParts {
     }
 
     fn hull(&self, part: usize) -> Option<Convex> {
-        let grown = &self.parts[part].grown;
-        let corners = self.ends.iter().flat_map(|end| grown.iter().map(|c| end.to_world(c.at + c.out * self.by)));
+        let inflated = &self.parts[part].inflated;
+        let corners = self.ends.iter().flat_map(|end| inflated.iter().map(|c| end.to_world(c.at + c.out * self.by)));
         Convex::hull_of(corners.collect(), 0.0)
     }
 }
@@ -181,42 +180,44 @@ mod tests {
     }
 
     #[test]
-    fn the_corners_of_a_box_move_out_once_each_and_a_tip_twice() {
+    fn corners_of_a_box_have_one_sign_and_a_tip_has_two() {
         assert_eq!(signs(((0.0, -1.0), (1.0, 0.0))), [(1.0, -1.0)]);
         assert_eq!(signs(((1.0, 0.0), (0.0, 1.0))), [(1.0, 1.0)]);
         assert_eq!(signs(((0.0, 1.0), (-1.0, 0.0))), [(-1.0, 1.0)]);
         assert_eq!(signs(((-1.0, 0.0), (0.0, -1.0))), [(-1.0, -1.0)]);
-        // a nose that points forward lies between the front corners of the margins
+        // a nose that points forward uses both front corners of the margins
         assert_eq!(signs(((1.0, -1.0), (1.0, 1.0))), [(1.0, -1.0), (1.0, 1.0)]);
         assert_eq!(signs(((1.0, 0.1), (1.0, 0.2))), [(1.0, 1.0)]);
         assert_eq!(signs(((-0.1, -1.0), (0.1, 1.0))), [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0)]);
     }
 
     #[test]
-    fn a_rectangle_as_a_part_is_swept_as_the_body_is() {
+    fn a_rectangular_part_is_inflated_like_the_body() {
         let corners = [(-1.0, -0.5), (3.0, -0.5), (3.0, 0.5), (-1.0, 0.5)].map(|(x, y)| Local::new(x, y));
         let part = Part::new(corners.to_vec());
-        assert_eq!(part.grown.len(), 4);
+        assert_eq!(part.inflated.len(), 4);
         let frame = Frame::new(&Pose::new(2.0, -1.0, 0.3));
-        let grown: Vec<Local> =
-            part.grown.iter().map(|c| frame.to_world(c.at + c.out * Local::new(0.3, 0.2))).collect();
-        let by_hand =
+        let inflated: Vec<Local> =
+            part.inflated.iter().map(|c| frame.to_world(c.at + c.out * Local::new(0.3, 0.2))).collect();
+        let expected =
             [(-1.3, -0.7), (3.3, -0.7), (3.3, 0.7), (-1.3, 0.7)].map(|(x, y)| frame.to_world(Local::new(x, y)));
-        assert!(grown.iter().zip(&by_hand).all(|(a, b)| (*a - *b).length() < 1e-12));
+        assert!(inflated.iter().zip(&expected).all(|(a, b)| (*a - *b).length() < 1e-12));
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1000))]
-        /// The slow way: the hull of every corner moved by every corner of the margins.
+        /// Brute force: the hull of every corner displaced by every corner of the margins.
         #[test]
-        fn growing_is_the_minkowski_sum_with_the_margins(corners in polygons(), along in 0.0..1.0f64, across in 0.0..1.0f64) {
-            let by = Local::new(along, across);
+        fn inflation_is_the_minkowski_sum_with_the_margins(
+            corners in polygons(), longitudinal in 0.0..1.0f64, lateral in 0.0..1.0f64,
+        ) {
+            let by = Local::new(longitudinal, lateral);
             let part = Part::new(corners.clone());
-            let ours = Convex::hull_of(part.grown.iter().map(|c| c.at + c.out * by).collect(), 0.0).unwrap();
+            let ours = Convex::hull_of(part.inflated.iter().map(|c| c.at + c.out * by).collect(), 0.0).unwrap();
             let square = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(x, y)| Local::new(x, y));
             let all = corners.iter().flat_map(|c| square.map(|s| *c + s * by)).collect();
             let slow = Convex::hull_of(all, 0.0).unwrap();
-            prop_assert!(part.grown.len() <= corners.len() + 4, "{} corners of {}", part.grown.len(), corners.len());
+            prop_assert!(part.inflated.len() <= corners.len() + 4, "{} corners of {}", part.inflated.len(), corners.len());
             for p in slow.points() {
                 prop_assert!(ours.distance_to(&[*p, *p, *p]) < 1e-12, "{p} is cut off");
             }

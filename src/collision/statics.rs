@@ -1,10 +1,10 @@
-//! What does not move: static obstacles, occupied cells of a grid and the edge of the road.
+//! The static world: static obstacles, occupied cells of a grid and the road boundary.
 //!
-//! Of an occupancy grid only the cells near the road are kept: the rest of a large one can never be met.
+//! Only the cells of an occupancy grid near the road are kept, since the vehicle cannot reach the others.
 //!
-//! Convex pieces in parry's bounding volume hierarchies, one for the obstacles and one for the boundary segments, since
-//! each has its own margin. A sweep is asked block by block (eight cells): one query of the hierarchies for the block,
-//! then the exact test for the cells whose boxes meet what was found.
+//! Convex pieces are in parry's bounding volume hierarchies, one for the obstacles and one for the boundary segments, since
+//! they have different margins. A sweep is tested in blocks of eight cells: one query of the hierarchies per block, then the
+//! exact test of the cells whose boxes meet a candidate.
 
 use parry2d::bounding_volume::{Aabb, BoundingVolume as _};
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
@@ -17,61 +17,61 @@ use super::wide::WideTree;
 use super::{Blocker, CollisionSettings, Overlap};
 use crate::map::{Cell, Motion, Scenario};
 
-/// Cell limits between two poses at which the clearance is measured.
+/// Number of cells between two poses at which the clearance is measured.
 pub(super) const STRIDE: usize = 4;
 
-/// The first cell of a sweep that meets something static.
+/// The first cell of a sweep that meets the static world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StaticHit {
-    /// Station at which that cell begins, m from the start of the sweep: the rear axle may come this far.
+    /// Start of that cell, m from the start of the sweep: the last collision-free station of the rear axle.
     pub station: f64,
-    /// The cell.
+    /// Index of the cell.
     pub cell: usize,
-    /// What is there; an obstacle before an occupied cell before the road's edge, the lowest id first.
+    /// The blocker; obstacles (lowest id first) take precedence over occupied cells, these over the road boundary.
     pub what: Blocker,
 }
 
-/// What a check overlooks near the start of a sweep: the vehicle may already stand inside a margin, or partly off the
-/// road, and must be able to leave. Stations are m from the start of the sweep.
+/// Relaxation of a check near the start of a sweep: a vehicle that already stands inside a margin, or partly off the road,
+/// must be able to leave. Stations are m from the start of the sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
-    /// Up to here footprints count without margins.
+    /// Up to this station footprints have no margins, m.
     pub no_margins_until: f64,
-    /// Up to here the road's edge does not count at all.
+    /// Up to this station the road boundary is ignored, m.
     pub no_road_until: f64,
 }
 
 impl Allowance {
-    /// Nothing is overlooked.
+    /// No relaxation.
     pub const NONE: Self = Self { no_margins_until: f64::NEG_INFINITY, no_road_until: f64::NEG_INFINITY };
 }
 
-/// Distances of a sweep to what does not move, m, each capped.
+/// Distances of a sweep to the static world, m, each limited to a cap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Clearance {
-    /// To the nearest static obstacle.
+    /// Distance to the nearest static obstacle or occupied cell, m.
     pub obstacle: f64,
-    /// To the edge of the road.
+    /// Distance to the road boundary, m.
     pub road: f64,
 }
 
-/// Static obstacles and the road's edge.
+/// Static obstacles, occupied cells and the road boundary.
 #[derive(Debug, Clone)]
 pub struct StaticWorld {
     road: DrivableArea,
     /// Convex pieces: those of the obstacles in order of their ids, then those of the occupancy grid.
     pieces: Vec<Convex>,
-    /// What each piece belongs to.
+    /// The blocker of each piece.
     blockers: Vec<Blocker>,
     tree: Bvh,
-    /// Over the pieces and, numbered after them, the boundary's segments.
+    /// Hierarchy over the pieces and, numbered after them, the boundary segments.
     everything: WideTree,
     obstacle_margins: Margins,
     road_margins: Margins,
 }
 
 impl StaticWorld {
-    /// `reach` is that of the vehicle from its rear axle, m.
+    /// `reach` is the largest distance of the footprint from the rear axle, m.
     pub(super) fn new(scenario: &Scenario, origin: Origin, settings: &CollisionSettings, reach: f64) -> Self {
         let mut found: Vec<(i64, Convex)> = Vec::new();
         for obstacle in &scenario.obstacles {
@@ -98,27 +98,27 @@ impl StaticWorld {
         }
     }
 
-    /// The surface of the road.
+    /// The drivable area.
     #[must_use]
     pub fn road(&self) -> &DrivableArea {
         &self.road
     }
 
-    /// The first cell in which the swept footprint, margins included, meets a static obstacle or leaves the road.
+    /// The first cell in which the swept footprint with its margins meets a static obstacle or leaves the road.
     #[must_use]
     pub fn first_hit(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
-        // the cells of a part hang together: if no boundary meets them, all are inside as soon as one point is
-        let first_judged = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
+        // the footprint of a part is connected: if no boundary meets it, one point inside proves that all of it is inside
+        let first_checked = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
         let on_road = |i: usize| sweep.outline().all_parts(&sweep.frames()[i], |p| self.road.contains_local(p));
-        let stray = first_judged.filter(|i| !on_road(*i));
-        let stray = stray.map(|i| i.min(sweep.cells() - 1));
+        let off_road = first_checked.filter(|i| !on_road(*i));
+        let off_road = off_road.map(|i| i.min(sweep.cells() - 1));
         let hit = sweep
             .boxes()
             .blocks()
             .iter()
             .enumerate()
             .find_map(|(i, block)| self.hit_in_block(sweep, allowance, i, block));
-        match (hit, stray) {
+        match (hit, off_road) {
             (Some(hit), Some(cell)) if hit.cell <= cell => Some(hit),
             (_, Some(cell)) => Some(StaticHit { station: sweep.stations()[cell], cell, what: Blocker::RoadBoundary }),
             (hit, None) => hit,
@@ -157,29 +157,29 @@ impl StaticWorld {
         })
     }
 
-    /// The pieces of the obstacles, in order of their ids, and of the occupancy grid.
+    /// The pieces of the obstacles, in order of their ids, followed by those of the occupancy grid.
     pub(super) fn obstacles(&self) -> &[Convex] {
         &self.pieces
     }
 
-    /// The hierarchy over the obstacles' pieces and, numbered after them, the boundary's segments.
+    /// The hierarchy over the pieces of the obstacles and, numbered after them, the boundary segments.
     pub(super) fn everything(&self) -> &WideTree {
         &self.everything
     }
 
-    /// What a piece of [`StaticWorld::obstacles`] belongs to.
+    /// The blocker of a piece of [`StaticWorld::obstacles`].
     pub(super) fn blocker(&self, piece: u32) -> Blocker {
         self.blockers[piece as usize]
     }
 
-    /// Margins to the obstacles and to the road's edge.
+    /// Margins to the obstacles and to the road boundary.
     pub(super) fn margins(&self) -> (&Margins, &Margins) {
         (&self.obstacle_margins, &self.road_margins)
     }
 
-    /// Distance of the vehicle (no margins) to static obstacles and to the road's edge, the least over the
-    /// poses at every fourth cell limit and the last one, each `cap` at most, m. Meant for costs, after
-    /// [`StaticWorld::first_hit`] found nothing: between these poses it may be smaller by what a bend brings.
+    /// Distance of the vehicle without margins to static obstacles and to the road boundary, at most `cap`, m: the minimum
+    /// over the poses at every fourth cell limit and at the last one. For costs of paths without a hit: between these poses
+    /// the distance may be slightly smaller in curves.
     #[must_use]
     pub fn clearance(&self, sweep: &Sweep, cap: f64) -> Clearance {
         let frames = sweep.frames();
@@ -194,7 +194,7 @@ impl StaticWorld {
         least
     }
 
-    /// The static obstacle, else the edge of the road, that a part of the bare footprint overlaps.
+    /// The static obstacle, else the road boundary, that a part of the footprint without margins overlaps.
     pub(super) fn overlap(&self, part: &[Local]) -> Option<Overlap> {
         let aabb = Aabb::from_points_ref(part);
         let mut hits: Vec<u32> = self.tree.intersect_aabb(&aabb).collect();
@@ -209,11 +209,11 @@ impl StaticWorld {
     }
 }
 
-/// How far beside the road the vehicle may stand at the start and still be asked for, margins included, m.
+/// Largest distance from the road of a start position that the occupancy grid covers, with margins, m.
 const BESIDE: f64 = 20.0;
 
-/// The occupied cells of the scenario's grid within a distance of the road, as few rectangles; all of them where there
-/// is no road. A vehicle of which any part is on the road has all others within twice its reach.
+/// The occupied cells of the scenario's grid within a distance of the road, merged into few rectangles; all of them if there
+/// is no road. If any part of the vehicle is on the road, all other parts are within twice its reach.
 fn occupied(
     scenario: &Scenario,
     settings: &CollisionSettings,
@@ -222,10 +222,10 @@ fn occupied(
     distance: f64,
 ) -> Vec<Convex> {
     let Some(grid) = &scenario.occupancy else { return Vec::new() };
-    let wanted = |cell| cell == Cell::Occupied || settings.unknown_is_occupied && cell == Cell::Unknown;
+    let is_occupied = |cell| cell == Cell::Occupied || settings.unknown_is_occupied && cell == Cell::Unknown;
     let piece = |block| Convex::hull_of(grid.corners(&block).iter().map(|p| origin.local(*p)).collect(), 0.0);
     if road.is_empty() {
-        return grid.blocks(wanted).into_iter().filter_map(piece).collect();
+        return grid.blocks(is_occupied).into_iter().filter_map(piece).collect();
     }
     let bounds = scenario.network.lanelets.values().flat_map(|l| l.left.points().iter().chain(l.right.points()));
     let part = grid.part_around(bounds, distance);
@@ -233,7 +233,7 @@ fn occupied(
         let around = piece.aabb().loosened(distance);
         road.near(&around).next().is_some() || road.contains_local(piece.aabb().center())
     };
-    grid.blocks_within(&part, wanted).into_iter().filter_map(piece).filter(is_near).collect()
+    grid.blocks_within(&part, is_occupied).into_iter().filter_map(piece).filter(is_near).collect()
 }
 
 #[cfg(test)]
@@ -243,7 +243,7 @@ mod tests {
     use crate::geometry::{Point, Pose};
     use crate::map::OccupancyGrid;
 
-    /// Middles of the cells that are kept, of one row of cells across the road, every 10 m.
+    /// Centres of the kept cells of one row of cells perpendicular to the road, one every 10 m.
     fn kept(road: crate::map::RoadNetwork) -> Vec<f64> {
         let mut cells = vec![Cell::Free; 1000];
         cells.iter_mut().step_by(10).for_each(|cell| *cell = Cell::Occupied);
@@ -256,12 +256,12 @@ mod tests {
     }
 
     #[test]
-    fn cells_on_and_beside_the_road_are_kept_and_those_that_nothing_can_reach_are_not() {
+    fn keeps_only_cells_that_the_vehicle_can_reach() {
         // within 26 m of a road from −2 to 2 m
         assert_eq!(kept(road(4.0, 100.0)), [-19.5, -9.5, 0.5, 10.5, 20.5]);
         // in the middle of a wide one, far from its edge
         let wide = kept(network([straight_lanelet(1, (-200.0, 200.0), -200.0, 200.0)]));
         assert_eq!((wide.len(), wide[0], wide[wide.len() - 1]), (45, -219.5, 220.5));
-        assert_eq!(kept(crate::map::RoadNetwork::default()).len(), 100, "no road: all of them");
+        assert_eq!(kept(crate::map::RoadNetwork::default()).len(), 100, "without a road all cells are kept");
     }
 }

@@ -1,30 +1,30 @@
 //! The conservative swept footprint of a vehicle along a spiral or a path.
 //!
 //! # Technique
-//! Each spiral is cut into cells of equal length, [`CollisionSettings::spacing`] at most (`course`). A cell's footprint is the convex
-//! hull of the vehicle's rectangle at its two ends, each rectangle grown by ε on every side. As the hull of two
-//! rectangles grown by a disc is the hull of the grown rectangles, this contains everything within ε of the hull.
+//! Each spiral is divided into cells of equal length, at most [`CollisionSettings::spacing`] (`course`). The footprint of a
+//! cell is the convex hull of the vehicle's rectangle at its two ends, each inflated by ε on every side. The hull of two
+//! rectangles inflated by a disc is the hull of the inflated rectangles, so that the footprint contains everything within ε
+//! of the hull.
 //!
 //! # The bound ε
-//! A corner with coordinates (x, y) in the rear-axle frame runs, over arc length s, along X(s) = r(s) + R(θ(s))·(x, y)
+//! A corner with coordinates (x, y) in the rear-axle frame follows, over arc length s, the curve X(s) = r(s) + R(θ(s))·(x, y)
 //! with r' = R·(1, 0) and θ' = κ, so that in the frame of the vehicle
 //!
 //! ```text
 //! X″ = ( −κ′·y − κ²·x ,  κ + κ′·x − κ²·y )
 //! ```
 //!
-//! A twice differentiable curve leaves the chord between its ends at s and s + h by at most h²/8 · max |X″| (the error
-//! of linear interpolation: the sagitta of the arc when X″ is constant). The chord lies in the hull of the two
-//! rectangles, hence ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (margins included) and with the largest
-//! |κ|, |κ′| of the cell, which are bounded by their Bernstein coefficients on it. The other points of the rectangle
-//! are convex combinations of its corners, so the bound for the corners is a bound for all; of parts within the
-//! rectangle, too, each swept for itself (`outline`).
+//! A twice differentiable curve leaves the chord between its ends at s and s + h by at most h²/8 · max |X″| (the error of
+//! linear interpolation: the sagitta of the arc if X″ is constant). The chord is in the hull of the two rectangles, hence
+//! ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (with margins) and the largest |κ|, |κ′| of the cell, which its
+//! Bernstein coefficients bound. All other points of the rectangle are convex combinations of its corners, so that the bound
+//! for the corners holds for all of them; also for parts inside the rectangle, each swept separately (`outline`).
 //!
 //! # Weakness
-//! The hull bridges the inner side of a bend, and ε grows with κ and with κ′. Where both together come to a tenth of the
-//! spacing, the spiral is cut into shorter cells. So at the default spacing a footprint reaches at most 5 cm beyond
-//! what is covered on curvatures up to 0.2 1/m with changes up to 0.1 1/m² (tested: 3.8 cm). The excess of other spacings
-//! goes with the spacing.
+//! The hull bridges the inner side of a curve, and ε grows with κ and κ′. If both together exceed about a tenth of the
+//! spacing, the spiral is divided into shorter cells. So at the default spacing the footprint exceeds the covered area by at
+//! most 5 cm for curvatures up to 0.2 1/m with rates up to 0.1 1/m² (measured: 3.8 cm). The excess is proportional to the
+//! spacing.
 
 use std::sync::OnceLock;
 
@@ -32,7 +32,7 @@ use parry2d::bounding_volume::Aabb;
 
 use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
-use super::convex::{Convex, SweptCorners, boxes_meet, grown, merged};
+use super::convex::{Convex, SweptCorners, boxes_meet, inflated, merged};
 use super::course::Course;
 use super::moving::KeptRuns;
 use super::outline::Outline;
@@ -41,17 +41,17 @@ use crate::geometry::{Point, Pose};
 use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
-/// Added to every footprint, m: covers the rounding of the overlap tests and the quadrature error of the spiral's
-/// position, both below 1e-7 m, and touching counts as overlap.
+/// Inflation of every footprint, m. It covers the rounding of the overlap tests and the quadrature error of positions, both
+/// below 1e-7 m; touching counts as overlap.
 pub(super) const SKIN: f64 = 1e-6;
 
-/// Distances kept from obstacles, in the vehicle's own directions, m.
+/// Margins to obstacles, in the axes of the vehicle, m.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Margins {
-    /// To the left and to the right.
+    /// Margin to the left and to the right, m.
     pub lateral: f64,
-    /// To the front and to the rear.
+    /// Margin to the front and to the rear, m.
     pub longitudinal: f64,
 }
 
@@ -65,13 +65,13 @@ impl Margins {
         Self { lateral: margin, longitudinal: margin }
     }
 
-    /// How far a corner moves out, m.
+    /// Displacement of a corner, m.
     pub(super) fn reach(&self) -> f64 {
         self.lateral.hypot(self.longitudinal)
     }
 }
 
-/// The vehicle's rectangle, or the one around its parts, in the rear-axle frame, m.
+/// The rectangle of the vehicle, or the bounding rectangle of its parts, in the rear-axle frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Body {
     rear: f64,
@@ -85,18 +85,18 @@ impl Body {
         Self { rear: rear_right.x, front: front_left.x, half_width: front_left.y }
     }
 
-    /// From its reach behind (negative) and ahead of the rear axle and its half width, m.
+    /// A rectangle from its extent behind (negative) and ahead of the rear axle and its half width, m.
     #[cfg(test)]
     pub(super) fn of_rectangle(rear: f64, front: f64, half_width: f64) -> Self {
         Self { rear, front, half_width }
     }
 
-    /// Grown by the margins and by `slack` on every side.
-    pub(super) fn grown(&self, margins: &Margins, slack: f64) -> Self {
-        let along = margins.longitudinal + slack;
+    /// The rectangle inflated by the margins and by `slack` on every side.
+    pub(super) fn inflated(&self, margins: &Margins, slack: f64) -> Self {
+        let longitudinal = margins.longitudinal + slack;
         Self {
-            rear: self.rear - along,
-            front: self.front + along,
+            rear: self.rear - longitudinal,
+            front: self.front + longitudinal,
             half_width: self.half_width + margins.lateral + slack,
         }
     }
@@ -117,21 +117,21 @@ impl Body {
         Aabb { mins: centre - extent, maxs: centre + extent }
     }
 
-    /// How far it reaches behind and ahead of the rear axle, m.
+    /// Extent behind and ahead of the rear axle, m.
     pub(super) fn overhangs(&self) -> (f64, f64) {
         (self.rear.abs(), self.front.abs())
     }
 
     /// Upper bound of |X″| over the rectangle (module docs), 1/m.
-    pub(super) fn bend(&self, curvature: f64, curvature_rate: f64) -> f64 {
+    pub(super) fn max_second_derivative(&self, curvature: f64, curvature_rate: f64) -> f64 {
         let (x, y) = (self.front.abs().max(self.rear.abs()), self.half_width);
         let (k, k1) = (curvature, curvature_rate);
-        let (along, across) = (k1 * y + k * k * x, k + k1 * x + k * k * y);
-        // not `hypot`: nothing overflows here, and it takes five times as long
-        (along * along + across * across).sqrt()
+        let (longitudinal, lateral) = (k1 * y + k * k * x, k + k1 * x + k * k * y);
+        // not `hypot`, which takes five times as long and is not needed without overflow
+        (longitudinal * longitudinal + lateral * lateral).sqrt()
     }
 
-    /// Depth to which the rear axle lies inside the rectangle, m; negative outside.
+    /// Depth of the rear axle inside the rectangle, m; negative outside.
     pub(super) fn depth_of_rear_axle(&self) -> f64 {
         self.front.min(-self.rear)
     }
@@ -157,51 +157,51 @@ impl Frame {
     }
 }
 
-/// A swept footprint, cut into cells by station. Cell `i` is what the vehicle covers while its rear axle is anywhere
-/// between `stations()[i]` and `stations()[i + 1]`.
+/// A swept footprint, divided into cells by station. Cell `i` contains the area that the vehicle covers while its rear axle
+/// is between `stations()[i]` and `stations()[i + 1]`.
 #[derive(Debug, Clone)]
 pub struct Sweep {
     /// Cell limits, m from the start; one more than there are cells.
     stations: Vec<f64>,
-    /// Limits of the station cells, m from the start, and which of them each cell is in.
+    /// Limits of the station cells, m from the start, and the station cell of each cell.
     station_cells: (Vec<f64>, Vec<u32>),
     frames: Vec<Frame>,
     /// ε of each cell, [`SKIN`] included, m.
     slack: Vec<f64>,
-    /// Boxes around the cells, without margins.
+    /// Bounding boxes of the cells, without margins.
     boxes: BoxTree,
-    /// Turned boxes around [`FAN`] cells each, without margins.
-    slats: Vec<Slat>,
+    /// Oriented bounding boxes of [`FAN`] cells each, without margins.
+    block_boxes: Vec<BlockBox>,
     outline: Outline,
     origin: Origin,
-    /// What moving obstacles block, once somebody asked.
+    /// Cached cells that moving obstacles block.
     kept_runs: OnceLock<KeptRuns>,
 }
 
 impl Sweep {
-    pub(super) fn along(
+    pub(super) fn new(
         origin: &Origin,
         outline: &Outline,
         settings: &CollisionSettings,
         pieces: &[(Pose, CubicSpiral)],
     ) -> Self {
         let body = outline.body();
-        let widest = body.grown(&settings.widest(), 0.0);
+        let widest = body.inflated(&settings.widest(), 0.0);
         let mut course = Course::new(origin, (body, widest), settings.spacing, pieces);
         let cells = course.cells();
         let stations: Vec<f64> = (0..=cells).map(|limit| course.station(limit)).collect();
         let frames: Vec<Frame> = (0..=cells).map(|limit| course.frame(limit)).collect();
         let slack: Vec<f64> = (0..cells).map(|cell| course.cell_slack(cell)).collect();
         let boxes = frames.windows(2).zip(&slack).map(|(ends, slack)| {
-            let body = body.grown(&Margins::NONE, *slack);
+            let body = body.inflated(&Margins::NONE, *slack);
             merged(&body.aabb(&ends[0]), &body.aabb(&ends[1]))
         });
         let boxes = BoxTree::new(boxes.collect());
-        let slats = slats_of(body, &frames, &slack);
+        let block_boxes = block_boxes_of(body, &frames, &slack);
         let outline = outline.clone();
         let station_cells = course.station_cells();
         let (origin, kept_runs) = (*origin, OnceLock::new());
-        Self { stations, station_cells, frames, slack, boxes, slats, outline, origin, kept_runs }
+        Self { stations, station_cells, frames, slack, boxes, block_boxes, outline, origin, kept_runs }
     }
 
     /// Number of cells, at least one.
@@ -216,8 +216,8 @@ impl Sweep {
         &self.stations
     }
 
-    /// Limits of the station cells that the blocked grid is made of, m from the start: the spacing apart, or less by
-    /// rounding to the spirals' lengths. A station cell is one cell or, in tight bends, several.
+    /// Limits of the station cells of the blocked grid, m from the start: one spacing apart, or less so that they divide the
+    /// length of the spiral. A station cell is one cell or, in tight curves, several.
     pub(super) fn grid_stations(&self) -> &[f64] {
         &self.station_cells.0
     }
@@ -227,19 +227,19 @@ impl Sweep {
         self.station_cells.0.len() - 1
     }
 
-    /// The station cell that a cell is in.
+    /// The station cell of a cell.
     pub(super) fn grid_cell(&self, cell: usize) -> usize {
         self.station_cells.1[cell] as usize
     }
 
-    /// Length of the path swept, m.
+    /// Length of the swept path, m.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.stations[self.stations.len() - 1]
     }
 
-    /// The footprint of a cell with the margins, counter-clockwise, in world coordinates; empty beyond the last cell. For a
-    /// vehicle of several parts that of the rectangle around them: see [`Sweep::part_footprints`].
+    /// The footprint of a cell with margins, counter-clockwise, in world coordinates; empty beyond the last cell. For a
+    /// vehicle with several parts, that of their bounding rectangle: see [`Sweep::part_footprints`].
     #[must_use]
     pub fn footprint(&self, cell: usize, margins: &Margins) -> Vec<Point> {
         if cell >= self.cells() {
@@ -248,7 +248,7 @@ impl Sweep {
         self.corners(cell, margins).hull().iter().map(|p| self.origin.world(*p)).collect()
     }
 
-    /// The footprints of all parts of the vehicle in a cell, as [`Sweep::footprint`]: what is checked.
+    /// The footprints of all parts of the vehicle in a cell, like [`Sweep::footprint`]; the checks use these.
     #[must_use]
     pub fn part_footprints(&self, cell: usize, margins: &Margins) -> Vec<Vec<Point>> {
         if cell >= self.cells() {
@@ -263,7 +263,7 @@ impl Sweep {
     }
 
     pub(super) fn corners(&self, cell: usize, margins: &Margins) -> SweptCorners {
-        let body = self.outline.body().grown(margins, self.slack[cell]);
+        let body = self.outline.body().inflated(margins, self.slack[cell]);
         let ends = [self.frames[cell], self.frames[cell + 1]];
         let [a, b, c, d] = body.corners(&ends[0]);
         let [e, f, g, h] = body.corners(&ends[1]);
@@ -287,12 +287,12 @@ impl Sweep {
         &self.boxes
     }
 
-    /// Whether the turned box around a block of cells, with margins, meets the piece at all.
+    /// `false` only if the oriented box of a block of cells, with margins, is apart from the piece.
     pub(super) fn block_may_meet(&self, block: usize, piece: &Convex, margins: &Margins) -> bool {
-        self.slats[block].may_meet(piece, margins.reach())
+        self.block_boxes[block].may_meet(piece, margins.reach())
     }
 
-    /// Calls `found` with every cell whose box and whose block may meet one of the pieces in the box `aabb`, in order.
+    /// Calls `found` in order with every cell that may meet one of the pieces in the box `aabb`, by its box and its block.
     pub(super) fn cells_near(&self, aabb: &Aabb, pieces: &[Convex], margins: &Margins, mut found: impl FnMut(usize)) {
         let reach = with_margins(aabb, margins);
         self.boxes.visit_blocks(&reach, &mut |block| {
@@ -304,20 +304,20 @@ impl Sweep {
     }
 }
 
-/// The pieces of a path, as [`Sweep::along`] wants them.
+/// The pieces of a path, for [`Sweep::new`].
 pub(super) fn pieces_of(path: &Path) -> Vec<(Pose, CubicSpiral)> {
     path.pieces().map(|(_, start, spiral)| (*start, *spiral)).collect()
 }
 
-/// Boxes of consecutive cells, merged eight by eight into levels: a bounding volume hierarchy that needs no building,
-/// because neighbours along a path are neighbours in the plane.
+/// Boxes of consecutive cells, merged in groups of eight into levels: a bounding volume hierarchy without a build step, since
+/// neighbours on a path are neighbours in the plane.
 #[derive(Debug, Clone)]
 pub(super) struct BoxTree {
-    /// `levels[0]` are the cells, the last one has one box.
+    /// `levels[0]` contains the cells, the last level one box.
     levels: Vec<Vec<Aabb>>,
 }
 
-/// Boxes merged into one of the next level.
+/// Number of boxes per box of the next level.
 pub(super) const FAN: usize = 8;
 
 impl BoxTree {
@@ -340,7 +340,7 @@ impl BoxTree {
         &self.levels[1]
     }
 
-    /// The box around everything.
+    /// The box around all cells.
     pub(super) fn bounds(&self) -> &Aabb {
         &self.levels[self.levels.len() - 1][0]
     }
@@ -365,16 +365,16 @@ impl BoxTree {
     }
 }
 
-/// A box turned along the path: on a road that runs askew, upright boxes reach far over its edges.
+/// An oriented box, aligned with the path: axis-aligned boxes extend far beyond a diagonal road.
 #[derive(Debug, Clone, Copy)]
-struct Slat {
+struct BlockBox {
     centre: Local,
     forward: Local,
     half: Local,
 }
 
-impl Slat {
-    /// The box along the middle frame's heading around a body at all the frames.
+impl BlockBox {
+    /// The box in the heading of the middle frame around a body at all frames.
     fn around(body: &Body, frames: &[Frame]) -> Self {
         let forward = frames[frames.len() / 2].forward;
         let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
@@ -386,7 +386,7 @@ impl Slat {
         Self { centre: forward.rotate(0.5 * (low + high)), forward, half: 0.5 * (high - low) }
     }
 
-    /// False only if the piece stays further than `margin` from the box.
+    /// `false` only if the piece is farther than `margin` from the box.
     fn may_meet(&self, piece: &Convex, margin: f64) -> bool {
         let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
         for p in piece.points() {
@@ -399,16 +399,16 @@ impl Slat {
     }
 }
 
-/// The turned boxes of all blocks.
-fn slats_of(body: &Body, frames: &[Frame], slack: &[f64]) -> Vec<Slat> {
+/// The oriented boxes of all blocks.
+fn block_boxes_of(body: &Body, frames: &[Frame], slack: &[f64]) -> Vec<BlockBox> {
     let block = |(i, slack): (usize, &[f64])| {
         let widest = slack.iter().fold(0.0, |a: f64, b| a.max(*b));
-        Slat::around(&body.grown(&Margins::NONE, widest), &frames[FAN * i..=FAN * i + slack.len()])
+        BlockBox::around(&body.inflated(&Margins::NONE, widest), &frames[FAN * i..=FAN * i + slack.len()])
     };
     slack.chunks(FAN).enumerate().map(block).collect()
 }
 
-/// The query box that finds every cell box (without margins) whose footprint with `margins` may meet `aabb`.
+/// The query box for all cell boxes (without margins) whose footprint with `margins` may meet `aabb`.
 pub(super) fn with_margins(aabb: &Aabb, margins: &Margins) -> Aabb {
-    grown(aabb, margins.reach())
+    inflated(aabb, margins.reach())
 }

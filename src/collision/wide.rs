@@ -1,13 +1,13 @@
-//! A bounding volume hierarchy asked with turned boxes.
+//! A bounding volume hierarchy for queries with oriented boxes.
 //!
 //! # Technique
-//! Four children to a node, their boxes as middles and half extents in `f32`, axis by axis, so that all four are tested
-//! at once (Dammertz et al. 2008, *Shallow bounding volume hierarchies for fast SIMD ray tracing*). A node is
-//! left out if it is apart from the query along the two upright axes or along the query's own two: a box around a piece
-//! of a road that runs askew is four fifths empty, and upright tests alone would find what is beside the road.
+//! A node has four children; their boxes are stored as centres and half extents in `f32`, axis by axis, so that one test
+//! covers all four (Dammertz et al. 2008, *Shallow bounding volume hierarchies for fast SIMD ray tracing*). A node is skipped
+//! if it is apart from the query on a coordinate axis or on an axis of the query. The axes of the query matter: the
+//! axis-aligned box of a piece of a diagonal road is four fifths empty.
 //!
-//! Boxes are rounded outwards and the query is grown by what `f32` may lose, so nothing is missed; what is found is
-//! tested again by whoever asks. Built by halving at medians, twice for each node: the same tree for the same boxes.
+//! Boxes are rounded outwards and the query is inflated by the error of `f32`, so that the result misses no leaf; the caller
+//! tests the results exactly. The tree is built by two median splits per node and is the same for the same boxes.
 
 use parry2d::bounding_volume::Aabb;
 use parry2d::glamx::glam::Vec4;
@@ -23,7 +23,7 @@ const LEAF: u32 = 1 << 31;
 /// A box with its number.
 type Item = (Aabb, u32);
 
-/// Boxes in a hierarchy; leaves are numbered in the order in which they were given.
+/// A hierarchy of boxes; leaves are numbered in the order of the input.
 #[derive(Debug, Clone)]
 pub(super) struct WideTree {
     /// The root comes last.
@@ -42,7 +42,7 @@ struct Node {
 }
 
 impl Node {
-    /// Meets no query.
+    /// A node that meets no query.
     const EMPTY: Self = Self {
         x: Vec4::ZERO,
         y: Vec4::ZERO,
@@ -52,22 +52,22 @@ impl Node {
     };
 }
 
-/// A rectangle turned anyhow.
+/// A rectangle in any orientation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TurnedBox {
+pub(super) struct OrientedBox {
     centre: Local,
-    /// Unit vector along its first axis.
+    /// Unit vector of its first axis.
     forward: Local,
-    /// Half extents along its own axes.
+    /// Half extents on its axes.
     half: Local,
-    /// Half extents of the smallest upright box around what it holds, with the same middle.
+    /// Half extents of the smallest axis-aligned box around its points, with the same centre.
     upright: Local,
 }
 
-impl TurnedBox {
-    /// The box along a direction (of any length) that holds the points.
-    pub(super) fn around(points: &[Local], along: Local) -> Self {
-        let forward = along.try_normalize().unwrap_or(Local::X);
+impl OrientedBox {
+    /// The box around points in a direction (of any length).
+    pub(super) fn around(points: &[Local], direction: Local) -> Self {
+        let forward = direction.try_normalize().unwrap_or(Local::X);
         let origin = points.first().copied().unwrap_or(Local::ZERO);
         let (mut low, mut high) = (Local::ZERO, Local::ZERO);
         for p in points {
@@ -80,7 +80,7 @@ impl TurnedBox {
         Self { centre, forward, half: 0.5 * (high - low), upright }
     }
 
-    /// A lower bound of the distance to a piece, m: the larger gap along the box's own axes. Negative where they overlap.
+    /// A lower bound of the distance to a piece, m: the larger gap on the axes of the box. Negative if they overlap on both.
     pub(super) fn gap_to(&self, piece: &Convex) -> f64 {
         let (mut low, mut high) = (Local::INFINITY, Local::NEG_INFINITY);
         for p in piece.points() {
@@ -93,7 +93,7 @@ impl TurnedBox {
 }
 
 impl WideTree {
-    /// Over boxes with finite coordinates.
+    /// A hierarchy over boxes with finite coordinates.
     pub(super) fn new(boxes: impl Iterator<Item = Aabb>) -> Self {
         #[allow(clippy::cast_possible_truncation)] // there are not 2³¹ pieces
         let mut items: Vec<Item> = boxes.enumerate().map(|(i, aabb)| (aabb, i as u32)).collect();
@@ -123,13 +123,13 @@ impl WideTree {
         index
     }
 
-    /// Calls `found` with (at least) every leaf whose box is within `reach` of the turned box.
-    pub(super) fn visit(&self, query: &TurnedBox, reach: f64, mut found: impl FnMut(usize)) {
-        /// Leaves are numbered with 31 bits and nodes halve twice: 16 levels of three siblings.
-        const DEEPEST: usize = 64;
+    /// Calls `found` with at least every leaf whose box is within `reach` of the oriented box.
+    pub(super) fn visit(&self, query: &OrientedBox, reach: f64, mut found: impl FnMut(usize)) {
+        /// Leaves have 31-bit numbers and nodes two splits: 16 levels with three siblings each.
+        const MAX_DEPTH: usize = 64;
         let Some(root) = self.nodes.len().checked_sub(1) else { return };
         let query = Query::new(query, reach, self.extent);
-        let mut stack = [0_u32; DEEPEST];
+        let mut stack = [0_u32; MAX_DEPTH];
         #[allow(clippy::cast_possible_truncation)] // fewer nodes than leaves
         let root = root as u32;
         stack[0] = root;
@@ -152,7 +152,7 @@ impl WideTree {
     }
 }
 
-/// A turned box in `f32`, grown.
+/// An oriented box in `f32`, inflated.
 struct Query {
     x: f32,
     y: f32,
@@ -165,9 +165,9 @@ struct Query {
 }
 
 impl Query {
-    #[allow(clippy::cast_possible_truncation)] // grown by what the rounding loses
-    fn new(query: &TurnedBox, reach: f64, extent: f64) -> Self {
-        /// Relative error of the sums and products of [`Query::meets`], with some to spare (an `f32` has 6e-8).
+    #[allow(clippy::cast_possible_truncation)] // inflated by the rounding error
+    fn new(query: &OrientedBox, reach: f64, extent: f64) -> Self {
+        /// Relative error of the sums and products of [`Query::meets`], with a reserve (an `f32` has 6e-8).
         const ROUNDING: f64 = 1e-6;
         let size = extent + query.centre.x.abs() + query.centre.y.abs() + query.upright.max_element();
         let reach = reach + ROUNDING * (1.0 + size + reach);
@@ -183,19 +183,19 @@ impl Query {
         }
     }
 
-    /// Which children are not apart along any of the four axes, by bits.
+    /// The children that are not apart on any of the four axes, as bits.
     fn meets(&self, node: &Node) -> u32 {
         let (fx, fy) = (self.forward_x, self.forward_y);
         let (gx, gy) = (fx.abs(), fy.abs());
         let (dx, dy, hx, hy) = (node.x - self.x, node.y - self.y, node.half_x, node.half_y);
         let upright = dx.abs().cmple(hx + self.upright_x) & dy.abs().cmple(hy + self.upright_y);
-        let along = (dx * fx + dy * fy).abs().cmple(hx * gx + hy * gy + self.half_x);
-        let across = (dy * fx - dx * fy).abs().cmple(hx * gy + hy * gx + self.half_y);
-        (upright & along & across).bitmask()
+        let longitudinal = (dx * fx + dy * fy).abs().cmple(hx * gx + hy * gy + self.half_x);
+        let lateral = (dy * fx - dx * fy).abs().cmple(hx * gy + hy * gx + self.half_y);
+        (upright & longitudinal & lateral).bitmask()
     }
 }
 
-/// The items below and above the median along the axis in which their middles spread most.
+/// The items below and above the median on the axis with the larger extent of their centres.
 fn halved(items: &mut [Item]) -> (&mut [Item], &mut [Item]) {
     if items.len() < 2 {
         return items.split_at_mut(items.len());
@@ -203,15 +203,15 @@ fn halved(items: &mut [Item]) -> (&mut [Item], &mut [Item]) {
     let middle = |(aabb, _): &Item| aabb.mins + aabb.maxs;
     let first = (Local::INFINITY, Local::NEG_INFINITY);
     let (low, high) = items.iter().map(middle).fold(first, |(low, high), m| (low.min(m), high.max(m)));
-    let across = high - low;
-    let key = |item: &Item| if across.x >= across.y { middle(item).x } else { middle(item).y };
+    let extent = high - low;
+    let key = |item: &Item| if extent.x >= extent.y { middle(item).x } else { middle(item).y };
     let half = items.len() / 2;
     items.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.1.cmp(&b.1)));
     items.split_at_mut(half)
 }
 
-/// Middle and half extent in `f32` of an interval, not smaller than it.
-#[allow(clippy::cast_possible_truncation)] // that is what it is about
+/// Centre and half extent in `f32` of an interval, rounded outwards.
+#[allow(clippy::cast_possible_truncation)] // rounded outwards
 fn rounded_out(low: f64, high: f64) -> (f32, f32) {
     let middle = (0.5 * (low + high)) as f32;
     let half = (high - f64::from(middle)).max(f64::from(middle) - low);
@@ -223,17 +223,17 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn turned(x: f64, y: f64, angle: f64, half: (f64, f64)) -> ([Local; 4], TurnedBox) {
+    fn turned(x: f64, y: f64, angle: f64, half: (f64, f64)) -> ([Local; 4], OrientedBox) {
         let forward = Local::new(angle.cos(), angle.sin());
         let corner = |i: f64, j: f64| Local::new(x, y) + forward.rotate(Local::new(i * half.0, j * half.1));
         let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
-        (corners, TurnedBox::around(&corners, 3.0 * forward))
+        (corners, OrientedBox::around(&corners, 3.0 * forward))
     }
 
     proptest! {
-        /// Beside a list of all boxes, at any distance from the origin.
+        /// Agrees with a list of all boxes, at any distance from the origin.
         #[test]
-        fn nothing_within_reach_is_missed(
+        fn visits_every_box_within_reach(
             boxes in prop::collection::vec((-50.0..50.0f64, -50.0..50.0f64, 0.0..5.0f64, 0.0..5.0f64), 0..80),
             x in -60.0..60.0f64, y in -60.0..60.0f64, angle in -4.0..4.0f64, half in (0.0..10.0f64, 0.0..3.0f64), reach in 0.0..2.0f64,
             shift in prop_oneof![Just(0.0), Just(1e3), Just(-3e5)],
@@ -252,7 +252,7 @@ mod tests {
                 prop_assert!(found <= 1);
                 prop_assert!(found == 1 || distance > reach, "missed a box at {distance}, reach {reach}");
                 prop_assert!(query.gap_to(&piece) <= distance + 1e-9);
-                // and hardly more than those: the four axes are all that two boxes have
+                // and hardly more: two boxes have only these four axes
                 if shift == 0.0 && query.gap_to(&piece) > reach + 0.01 {
                     prop_assert_eq!(found, 0);
                 }

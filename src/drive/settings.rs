@@ -105,21 +105,21 @@ impl Settings {
             ("run.longest", self.run.longest),
             ("run.standstill_time", self.run.standstill_time),
             ("planner.cruise_speed", p.cruise_speed),
-            ("planner.shortest_horizon", p.shortest_horizon),
-            ("planner.longest_horizon", p.longest_horizon),
+            ("planner.min_horizon", p.min_horizon),
+            ("planner.max_horizon", p.max_horizon),
             ("planner.lateral_share", p.lateral_share),
             ("planner.stopping_share", p.stopping_share),
-            ("planner.emergency_speed", p.emergency_speed),
+            ("planner.emergency_speed_factor", p.emergency_speed_factor),
             ("planner.restart_lateral", p.restart_lateral),
             ("planner.restart_longitudinal", p.restart_longitudinal),
             ("planner.jerk", p.jerk),
             ("planner.lattice.grid", l.grid),
-            ("planner.lattice.shortest_edge", l.shortest_edge),
+            ("planner.lattice.min_edge_length", l.min_edge_length),
             ("planner.lattice.edge_time", l.edge_time),
-            ("planner.lattice.longest_edge", l.longest_edge),
-            ("planner.lattice.most_turn", l.most_turn),
+            ("planner.lattice.max_edge_length", l.max_edge_length),
+            ("planner.lattice.max_turn", l.max_turn),
             ("planner.lattice.offset_spacing", l.offset_spacing),
-            ("planner.lattice.steepest", l.steepest),
+            ("planner.lattice.max_slope", l.max_slope),
         ];
         let emergency = p.emergency.iter().enumerate().flat_map(|(i, e)| {
             [("acceleration", e.acceleration), ("deceleration", e.deceleration)]
@@ -143,7 +143,7 @@ impl Settings {
             return refuse("planner.refinement.corridor", corridor, "positive, and at most 1 m");
         }
         let not_negative = [
-            ("planner.refinement.least_gain", p.refinement.least_gain),
+            ("planner.refinement.min_gain", p.refinement.min_gain),
             ("planner.standoff", p.standoff),
             ("planner.time_gap", p.time_gap),
             ("planner.uncertainty.longitudinal", p.uncertainty.longitudinal),
@@ -167,8 +167,8 @@ impl Settings {
             ("planner.standoff".to_owned(), p.standoff, 100.0, "m"),
             ("planner.time_gap".to_owned(), p.time_gap, 60.0, "s"),
             ("planner.lattice.edge_time".to_owned(), l.edge_time, 60.0, "s"),
-            ("planner.lattice.steepest".to_owned(), l.steepest, 10.0, ""),
-            ("planner.emergency_speed".to_owned(), p.emergency_speed, 10.0, "times the cruising speed"),
+            ("planner.lattice.max_slope".to_owned(), l.max_slope, 10.0, ""),
+            ("planner.emergency_speed_factor".to_owned(), p.emergency_speed_factor, 10.0, "times the cruising speed"),
         ];
         for (i, e) in p.emergency.iter().enumerate() {
             bounded.push((format!("planner.emergency[{i}].acceleration"), e.acceleration, 20.0, "m/s²"));
@@ -183,11 +183,15 @@ impl Settings {
     /// Checks the values that must not be less than another setting.
     fn order(&self) -> Result<(), SettingsError> {
         let (p, l) = (&self.planner, &self.planner.lattice);
-        if l.longest_edge < l.shortest_edge {
-            return refuse("planner.lattice.longest_edge", l.longest_edge, "at least planner.lattice.shortest_edge");
+        if l.max_edge_length < l.min_edge_length {
+            return refuse(
+                "planner.lattice.max_edge_length",
+                l.max_edge_length,
+                "at least planner.lattice.min_edge_length",
+            );
         }
-        if p.longest_horizon < p.shortest_horizon {
-            return refuse("planner.longest_horizon", p.longest_horizon, "at least planner.shortest_horizon");
+        if p.max_horizon < p.min_horizon {
+            return refuse("planner.max_horizon", p.max_horizon, "at least planner.min_horizon");
         }
         Ok(())
     }
@@ -210,7 +214,7 @@ impl Settings {
             ("number of planner.emergency levels", p.emergency.len() as f64, "0 to 16", 0.0, 16.0),
             ("planner.expansions", p.expansions as f64, "1 to 10000000", 1.0, 1e7),
             ("planner.refinement.iterations", p.refinement.iterations as f64, "1 to 100", 1.0, 100.0),
-            ("planner.longest_horizon", p.longest_horizon, "1 to 1000 m", 1.0, 1000.0),
+            ("planner.max_horizon", p.max_horizon, "1 to 1000 m", 1.0, 1000.0),
             ("planner.cruise_speed", p.cruise_speed, "at most 150 m/s", 0.0, 150.0),
             // a lower jerk is not noticeable and too slow to stop in time
             ("planner.jerk", p.jerk, "0.5 to 1000 m/s³", 0.5, 1000.0),
@@ -229,7 +233,7 @@ impl Settings {
         let shares = [
             ("planner.lateral_share", self.planner.lateral_share),
             ("planner.stopping_share", self.planner.stopping_share),
-            ("planner.refinement.least_gain", self.planner.refinement.least_gain),
+            ("planner.refinement.min_gain", self.planner.refinement.min_gain),
         ];
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
             return refuse(field, value, "at most 1");
@@ -304,8 +308,8 @@ mod tests {
         wrong.planner.refinement.iterations = 0;
         assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.iterations");
         let mut wrong = Settings::default();
-        wrong.planner.refinement.least_gain = f64::NAN;
-        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.least_gain");
+        wrong.planner.refinement.min_gain = f64::NAN;
+        assert_eq!(wrong.validate().unwrap_err().field, "planner.refinement.min_gain");
         let mut wrong = Settings::default();
         wrong.run.replan_interval = 1e-9;
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
@@ -345,9 +349,9 @@ mod tests {
             ("[planner]\nstandoff = 200.0", "planner.standoff` is 200, it must be at most 100 m"),
             ("[planner]\ntime_gap = 61.0", "at most 60 s"),
             ("[run]\nstandstill_time = 1e300", "at most 3600 s"),
-            ("[planner.lattice]\nsteepest = 11.0", "at most 10"),
+            ("[planner.lattice]\nmax_slope = 11.0", "at most 10"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
-            ("[planner]\nemergency_speed = 11.0", "at most 10 times the cruising speed"),
+            ("[planner]\nemergency_speed_factor = 11.0", "at most 10 times the cruising speed"),
             ("[planner]\njerk = 1e-9", "0.5 to 1000 m/s³"),
             ("[planner.lattice]\ngrid = 1e-6", "0.5 to 100 m"),
             ("[planner.lattice]\nroot_layers = 0", "1 to 20"),

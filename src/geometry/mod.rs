@@ -1,7 +1,21 @@
-//! Plane geometry shared by every stage: poses, angles, polylines, polynomial spirals.
+//! Plane geometry that every stage shares: poses, angles, polylines, polynomial spirals.
 //!
-//! Frame: x east/forward, y north/left, yaw counter-clockwise from +x, SI units, radians.
-//! Curvature, lateral offset and steering are positive to the left.
+//! | module | contents |
+//! |---|---|
+//! | [`polyline`] | chains of straight segments by arc length; projection of points |
+//! | [`spiral`] | curves whose curvature is a polynomial of arc length; evaluation, projection, Newton's method |
+//! | [`boundary`] | spirals of least bending energy under end conditions and bounds of curvature and its rate |
+//! | [`spiral_opt`] | spirals under a curvature bound whose end may slide sideways, for lattice edges |
+//! | [`quintic`] | x and y as quintic polynomials: the alternative that the spirals are compared with |
+//! | [`quadrature`] | Gauss–Legendre rules |
+//!
+//! # Frame and units
+//!
+//! x points east or forward, y north or left; yaw is counter-clockwise from +x. SI units, radians. Curvature, lateral
+//! offset and steering are positive to the left: a path with positive curvature turns left.
+//!
+//! Coordinates are `f64`. In UTM coordinates of 5·10⁶ m the resolution is 1·10⁻⁹ m; functions that promise a nanometre
+//! promise it relative to the start of the curve.
 
 pub mod boundary;
 pub mod polyline;
@@ -45,26 +59,27 @@ impl Pose {
         Vector::new(-sin, cos)
     }
 
-    /// The pose moved by `distance` metres along its own heading, as between a rear axle and a vehicle centre.
+    /// The pose moved by `distance` (m) along its heading; negative moves it backwards. Converts between the rear axle
+    /// and the centre of a vehicle.
     #[must_use]
     pub fn advanced(&self, distance: f64) -> Self {
         Self { position: self.position + self.forward() * distance, yaw: self.yaw }
     }
 
-    /// A point of this pose's local frame, in the world frame.
+    /// Transforms a point from the frame of this pose into the world frame.
     #[must_use]
     pub fn to_world(&self, local: Point) -> Point {
         self.position + self.forward() * local.x + self.left() * local.y
     }
 
-    /// A point of the world frame, in this pose's local frame.
+    /// Transforms a point from the world frame into the frame of this pose (x forward, y left).
     #[must_use]
     pub fn to_local(&self, world: Point) -> Point {
         let d = world - self.position;
         Point::new(d.dot(&self.forward()), d.dot(&self.left()))
     }
 
-    /// The pose between `self` (`ratio` 0) and `other` (1): position linear, yaw along the shorter arc.
+    /// Interpolates between `self` (`ratio` 0) and `other` (`ratio` 1): position linearly, yaw along the shorter arc.
     #[must_use]
     pub fn interpolated(&self, other: &Self, ratio: f64) -> Self {
         Self {
@@ -74,12 +89,12 @@ impl Pose {
     }
 }
 
-/// The angle's representative in (−π, π].
+/// Wraps an angle (rad) to (−π, π]. Angles inside this range come back unchanged, to the bit.
 #[must_use]
 pub fn wrap_angle(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     if -PI < angle && angle <= PI {
-        return angle; // to the bit, so that mirrored inputs stay mirrored
+        return angle; // no rounding, so that mirrored inputs give mirrored results
     }
     let wrapped = angle.rem_euclid(TAU);
     if wrapped > PI { wrapped - TAU } else { wrapped }
@@ -111,7 +126,7 @@ mod tests {
             let local = Point::new(u, v);
             let back = pose.to_local(pose.to_world(local));
             // 1e6 m leaves about 1e-10 m of resolution in f64
-            prop_assert!((back - local).norm() < 1e-8, "{pose:?} {local} came back as {back}");
+            prop_assert!((back - local).norm() < 1e-8, "{pose:?}: {local} became {back}");
         }
     }
 }

@@ -1,4 +1,11 @@
-//! A chain of straight segments with arc length: lane bounds, centre lines, stop lines.
+//! A chain of straight segments parametrised by arc length: lane bounds, centre lines, stop lines.
+//!
+//! Stations are arc lengths from the first point, in metres. Offsets are signed distances, positive to the left of the
+//! direction of travel. Beyond its ends the line continues straight for evaluation ([`Polyline::at`]), but not for
+//! projection ([`Polyline::project`]), which is limited to the segments.
+//!
+//! Weak: heading jumps at the corners, and near an inner corner the projection of a moving point jumps. Where a
+//! continuous frame is needed, use [`crate::reference::ReferenceLine`].
 
 use super::{Point, Vector, cross};
 
@@ -10,10 +17,10 @@ pub struct Polyline {
     stations: Vec<f64>,
 }
 
-/// Points nearer than this are one point (m): file coordinates carry millimetres at best.
+/// Points nearer to each other than this count as one point, m: file coordinates resolve millimetres at best.
 const SAME_POINT: f64 = 1e-6;
 
-/// Where a point lies against a polyline.
+/// The projection of a point onto a polyline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
     /// Arc length of the foot point, m.
@@ -25,7 +32,8 @@ pub struct Projection {
 }
 
 impl Polyline {
-    /// Builds the polyline, dropping repeated points. `None` if fewer than two distinct finite points remain.
+    /// Builds the polyline and drops repeated points. `None` if a coordinate is not finite or fewer than two distinct
+    /// points remain.
     #[must_use]
     pub fn new(points: impl IntoIterator<Item = Point>) -> Option<Self> {
         let mut kept: Vec<Point> = Vec::new();
@@ -78,13 +86,13 @@ impl Polyline {
         self.points[self.points.len() - 1]
     }
 
-    /// The segment (index of its first point) that holds `station`, clamped to the ends.
+    /// Index of the segment that contains `station`, clamped to the first and the last segment.
     fn segment_at(&self, station: f64) -> usize {
         let upper = self.stations.partition_point(|&s| s <= station);
         upper.clamp(1, self.points.len() - 1) - 1
     }
 
-    /// The point at `station`; beyond the ends, on the straight continuation of the end segments.
+    /// The point at `station` (m); beyond the ends, on the straight continuation of the end segments.
     #[must_use]
     pub fn at(&self, station: f64) -> Point {
         let i = self.segment_at(station);
@@ -96,20 +104,22 @@ impl Polyline {
         (self.points[i + 1] - self.points[i]) / (self.stations[i + 1] - self.stations[i])
     }
 
-    /// Heading of the segment at `station`, rad.
+    /// Heading of the segment at `station` (m), rad.
     #[must_use]
     pub fn yaw_at(&self, station: f64) -> f64 {
         let d = self.direction(self.segment_at(station));
         d.y.atan2(d.x)
     }
 
-    /// The nearest point of the polyline (ends included, not extended), with its signed offset.
+    /// The nearest point of the polyline (ends included, not extended), with its signed offset. The first of several
+    /// equally near points.
     #[must_use]
     pub fn project(&self, p: Point) -> Projection {
         self.project_between(p, f64::NEG_INFINITY, f64::INFINITY)
     }
 
-    /// As [`Self::project`], among the segments that touch the stations `from`…`to` (at least one is tried).
+    /// Like [`Self::project`], restricted to the segments that contain stations between `from` and `to`; at least one
+    /// segment.
     #[must_use]
     pub fn project_between(&self, p: Point, from: f64, to: f64) -> Projection {
         /// Rounding of distances, m.
@@ -119,14 +129,14 @@ impl Polyline {
         while i <= last {
             let length = self.stations[i + 1] - self.stations[i];
             let direction = self.direction(i);
-            let along = (p - self.points[i]).dot(&direction).clamp(0.0, length);
-            let foot = self.points[i] + direction * along;
+            let travelled = (p - self.points[i]).dot(&direction).clamp(0.0, length);
+            let foot = self.points[i] + direction * travelled;
             let distance = (p - foot).norm();
             if distance < best.offset.abs() {
                 let side = if cross(direction, p - self.points[i]) < 0.0 { -1.0 } else { 1.0 };
-                best = Projection { station: self.stations[i] + along, offset: side * distance, foot };
+                best = Projection { station: self.stations[i] + travelled, offset: side * distance, foot };
             }
-            // nothing nearer can come before the line has gone the difference
+            // the distance to the line changes at most as fast as arc length: skip segments that cannot be nearer
             let nearer_from = self.stations[i + 1] + (p - self.points[i + 1]).norm() - best.offset.abs() - ROUNDING;
             i += 1;
             while i < last && self.stations[i + 1] < nearer_from {
@@ -136,7 +146,7 @@ impl Polyline {
         best
     }
 
-    /// The part between two stations (clamped to the ends). `None` if it would be shorter than a point.
+    /// The part between two stations (clamped to the ends). `None` if it has no length.
     #[must_use]
     pub fn slice(&self, from: f64, to: f64) -> Option<Self> {
         let (from, to) = (from.max(0.0), to.min(self.length()));
@@ -147,7 +157,7 @@ impl Polyline {
         Self::new(std::iter::once(self.at(from)).chain(inner).chain(std::iter::once(self.at(to))))
     }
 
-    /// The same line run backwards.
+    /// The same line in the opposite direction.
     #[must_use]
     pub fn reversed(&self) -> Self {
         let total = self.length();
@@ -157,7 +167,7 @@ impl Polyline {
         }
     }
 
-    /// Points every `spacing` metres at most, both ends included.
+    /// Points at equal steps of at most `spacing` metres, both ends included.
     #[must_use]
     pub fn resampled(&self, spacing: f64) -> Vec<Point> {
         let steps = (self.length() / spacing).ceil().max(1.0);
@@ -176,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn repeated_points_are_dropped_and_one_point_is_no_line() {
+    fn drops_repeated_points_and_rejects_a_single_point() {
         assert_eq!(corner().points().len(), 3);
         assert_eq!(corner().length(), 15.0);
         assert!(Polyline::new([Point::new(1.0, 1.0), Point::new(1.0, 1.0)]).is_none());
@@ -184,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn left_is_positive_and_stations_run_along() {
+    fn offsets_are_positive_to_the_left_and_stations_are_arc_lengths() {
         let p = corner().project(Point::new(4.0, 1.5));
         assert_eq!((p.station, p.offset), (4.0, 1.5));
         let p = corner().project(Point::new(4.0, -1.5));
@@ -194,8 +204,8 @@ mod tests {
     }
 
     #[test]
-    fn the_segments_left_out_never_hold_the_foot() {
-        // a way that winds and comes near itself
+    fn skipped_segments_never_contain_the_foot_point() {
+        // a winding line that comes near itself
         let at = |i: i32| {
             let a = 0.05 * f64::from(i);
             Point::new(10.0 * a.sin() + 3.0 * (2.3 * a).cos(), 8.0 * (1.3 * a).sin())
@@ -203,11 +213,15 @@ mod tests {
         let line = Polyline::new((0..300).map(at)).unwrap();
         for k in 0..400 {
             let p = Point::new(0.07 * f64::from(k) - 14.0, 9.0 * (0.37 * f64::from(k)).sin());
-            let found = line.project(p);
-            let one_by_one = (line.points().windows(2))
+            let projected = line.project(p);
+            let nearest_segment = (line.points().windows(2))
                 .map(|w| Polyline::new(w.iter().copied()).unwrap().project(p).offset.abs())
                 .fold(f64::INFINITY, f64::min);
-            assert!((found.offset.abs() - one_by_one).abs() < 1e-12, "{} against {one_by_one}", found.offset);
+            assert!(
+                (projected.offset.abs() - nearest_segment).abs() < 1e-12,
+                "{} instead of {nearest_segment}",
+                projected.offset
+            );
         }
     }
 
@@ -221,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_end_the_last_segment_goes_on() {
+    fn continues_straight_beyond_both_ends() {
         assert_eq!(corner().at(16.0), Point::new(10.0, 6.0));
         assert_eq!(corner().at(-1.0), Point::new(-1.0, 0.0));
     }

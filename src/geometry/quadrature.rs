@@ -1,8 +1,10 @@
 //! Fixed-order Gauss–Legendre quadrature (Abramowitz & Stegun, table 25.4).
 //!
-//! The n-point rule integrates polynomials of degree 2n−1 exactly. For the path integrals of this program, cos θ(s) and
-//! sin θ(s) with a heading that turns by φ over the interval of length h, its error is about
+//! The n-point rule integrates polynomials of degree 2n−1 exactly. The integrands of this program are cos θ(s) and
+//! sin θ(s). With a heading that turns by φ over an interval of length h, the error is about
 //! h φ²ⁿ (n!)⁴ / ((2n+1) ((2n)!)³): h·5e-7·φ⁶ for three points, h·4e-13·φ¹⁰ for five, h·2e-23·φ¹⁶ for eight.
+//!
+//! Weak: there is no error estimate. The caller chooses the number of panels from a bound of φ.
 
 /// Nodes on [0, 1] and weights of the three-point Gauss–Legendre rule: exact for polynomials up to degree five.
 pub const GAUSS_3: [(f64, f64); 3] = [
@@ -36,7 +38,7 @@ pub const GAUSS_8: [(f64, f64); 8] = [
 mod tests {
     use super::*;
 
-    /// ∫₀¹ xᵈ dx = 1/(d+1) up to the rule's degree, and no longer one degree above it.
+    /// ∫₀¹ xᵈ dx = 1/(d+1) holds up to the degree of the rule and fails one degree above it.
     fn check(rule: &[(f64, f64)]) {
         let integral = |degree: i32| rule.iter().map(|(x, w)| w * x.powi(degree)).sum::<f64>();
         let exact = 2 * i32::try_from(rule.len()).unwrap() - 1;

@@ -1,31 +1,33 @@
 //! Quintic polynomial paths: x and y are polynomials of degree five in a parameter u ∈ [0, 1].
 //!
-//! Six coefficients an axis meet position, first and second derivative at both ends in closed form (quintic Hermite
-//! interpolation). Pose and curvature fix all of these but how the parameter runs: with unit tangent T and left normal N
+//! Six coefficients per axis meet position, first and second derivative at both ends in closed form (quintic Hermite
+//! interpolation). Pose and curvature determine these derivatives up to the parametrisation. With the unit tangent T and
+//! the left normal N
 //!
 //! ```text
 //! r′ = e T        r″ = a T + κ e² N        e > 0 the tangent length, a the tangential second derivative, both in m
 //! ```
 //!
-//! so that e and a at both ends ([`Tangents`]) are free. [`connect`] takes the chord for e and 0 for a, which is exact on
-//! a straight line; [`connect_least_bending`] searches the one e, for both ends, of least bending energy.
+//! so that e and a at both ends ([`Tangents`]) are free. [`connect`] sets e to the chord length and a to 0, which is exact
+//! on a straight line. [`connect_least_bending`] searches for the e, the same at both ends, of least bending energy.
 //!
-//! This is the other smooth path beside the polynomial spiral ([`super::spiral`]). It costs a few dozen multiplications
-//! and no iteration, and it reaches every end. Its curvature
+//! This curve is the alternative to the polynomial spiral ([`super::spiral`]). It costs a few dozen multiplications and no
+//! iteration, and it reaches every end. Its curvature (1/m, positive to the left)
 //!
 //! ```text
 //! κ(u) = (r′ × r″) / |r′|³
 //! ```
 //!
-//! is a rational function that nobody has asked to be small. **It misbehaves in two ways**, both shown in the tests:
+//! is a rational function that the construction does not control. **It has two weaknesses**, both shown in the tests:
 //!
-//! - *Peaks between the ends.* Where |r′| dips inside, κ rises with its inverse cube: on lattice problems to half as much
-//!   again as the largest curvature of the spiral between the same ends.
-//! - *It depends on e.* Another tangent length gives another path with another largest curvature, and one that is too
-//!   long runs into a cusp or a loop. No length is right for all problems. The least bending energy, the natural choice,
-//!   needs a search that costs more than a spiral, and often pays for it with a higher peak.
+//! - *Peaks between the ends.* Where |r′| decreases between the ends, κ grows with its inverse cube: on lattice problems
+//!   up to 1.5 times the largest curvature of the spiral between the same ends.
+//! - *Dependence on e.* Each tangent length gives a different path with a different largest curvature, and a tangent that
+//!   is too long makes a cusp or a loop. No length suits all problems. Minimising the bending energy, the natural choice,
+//!   costs more than solving for a spiral and often results in a higher peak.
 //!
-//! Arc length has no closed form: Gauss–Legendre quadrature, and Newton's method for the point at an arc length.
+//! Arc length has no closed form. It is computed by Gauss–Legendre quadrature, and the parameter at an arc length by
+//! Newton's method. Outside [0, length] arc lengths are clamped to the ends.
 //!
 //! Source: Takahashi, Hongo, Ninomiya & Sugimoto 1989 (local path planning with quintics in the plane); the free
 //! parameters as in Piazzi, Guarino Lo Bianco, Bertozzi, Fascioli & Broggi 2002 ("G²-splines", η₁…η₄).
@@ -36,16 +38,16 @@ use super::quadrature::GAUSS_8;
 use super::spiral::PathPoint;
 use super::{Pose, Vector, cross, wrap_angle};
 
-/// How the parameter runs at the ends: what pose and curvature leave free.
+/// The parametrisation at the ends: the freedom that pose and curvature leave.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tangents {
     /// |r′| at the start, m, positive.
     pub start: f64,
     /// |r′| at the end, m, positive.
     pub end: f64,
-    /// Part of r″ along the tangent at the start, m.
+    /// Tangential component of r″ at the start, m.
     pub start_stretch: f64,
-    /// Part of r″ along the tangent at the end, m.
+    /// Tangential component of r″ at the end, m.
     pub end_stretch: f64,
 }
 
@@ -60,7 +62,7 @@ impl Tangents {
 /// Why there is no path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum QuinticFailure {
-    /// An input is not a finite number, or so large that the path is none.
+    /// An input is not a finite number, or so large that the coefficients overflow.
     #[error("an end condition is not a finite number")]
     NotFinite,
     /// Start and end are less than a millimetre apart.
@@ -74,7 +76,7 @@ pub enum QuinticFailure {
 /// A quintic polynomial path, in its own start frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QuinticPath {
-    /// Position by rising powers of u, m.
+    /// Position by ascending powers of u, m.
     coefficients: [Vector; 6],
 }
 
@@ -84,19 +86,19 @@ const SAME_POINT: f64 = 1e-3;
 const PANELS: f64 = 8.0;
 /// Newton's method for the point at an arc length stops here, m.
 const STATION_TOLERANCE: f64 = 1e-10;
-/// Its iterations: three or four are usual; bisection steps in, so that the bound is enough near a cusp, too.
+/// Its iteration limit. Three or four are usual; near a cusp bisection takes over, and the limit is still enough.
 const MAX_ITERATIONS: usize = 60;
-/// Intervals in which the derivative of the curvature is looked at for a change of sign.
+/// Number of intervals that are checked for a sign change of the curvature's derivative.
 const BRACKETS: u32 = 128;
-/// Halvings of such an interval: down to rounding.
+/// Bisections of such an interval: down to rounding.
 const HALVINGS: usize = 50;
-/// Tangent lengths over the chord that [`connect_least_bending`] searches, and the steps of its first look.
+/// Range of the tangent length over the chord in [`connect_least_bending`], and the steps of its initial scan.
 const SEARCH: (f64, f64, u32) = (0.3, 2.5, 22);
-/// Golden-section steps after that: the interval shrinks by 0.618 each, to 1e-6 of the chord.
+/// Golden-section steps after the scan: each shrinks the interval by 0.618, in total to 1e-6 of the chord.
 const GOLDEN_STEPS: usize = 26;
 
-/// The path from the origin with heading 0 and `start_curvature` to the pose `end` (in that frame) with `end_curvature`,
-/// with tangents as long as the chord. End conditions to rounding.
+/// The path from the origin with heading 0 and `start_curvature` (1/m) to the pose `end` (in that frame) with
+/// `end_curvature` (1/m). Both tangents are as long as the chord. The end conditions hold to rounding.
 ///
 /// # Errors
 /// [`QuinticFailure::NotFinite`] and [`QuinticFailure::Coincident`].
@@ -105,7 +107,7 @@ pub fn connect(start_curvature: f64, end: &Pose, end_curvature: f64) -> Result<Q
     connect_with(start_curvature, end, end_curvature, &Tangents::equal(chord))
 }
 
-/// [`connect`] with the free parameters chosen.
+/// [`connect`] with the given free parameters.
 ///
 /// # Errors
 /// See [`QuinticFailure`].
@@ -140,8 +142,8 @@ pub fn connect_with(
     if finite { Ok(QuinticPath { coefficients }) } else { Err(QuinticFailure::NotFinite) }
 }
 
-/// [`connect`] with the tangent length, the same at both ends and between 0.3 and 2.5 chords, of least bending energy:
-/// a look at 23 lengths, then a golden-section search about the best. Some 50 times the work of [`connect`].
+/// [`connect`] with the tangent length of least bending energy, the same at both ends and between 0.3 and 2.5 chords: a
+/// scan of 23 lengths, then a golden-section search around the best. About 50 times the work of [`connect`].
 ///
 /// # Errors
 /// [`QuinticFailure::NotFinite`] and [`QuinticFailure::Coincident`].
@@ -152,20 +154,20 @@ pub fn connect_least_bending(
 ) -> Result<QuinticPath, QuinticFailure> {
     let chord = chord(start_curvature, end, end_curvature)?;
     let path = |ratio: f64| connect_with(start_curvature, end, end_curvature, &Tangents::equal(ratio * chord));
-    // what is no path or has a cusp is no candidate
+    // failures and cusps are not candidates
     let energy = |ratio: f64| path(ratio).map_or(f64::INFINITY, |p| finite_or_infinity(p.bending_energy()));
-    let (least, most, steps) = SEARCH;
-    let width = (most - least) / f64::from(steps);
-    let ratios = (0..=steps).map(|i| least + width * f64::from(i));
+    let (min, max, steps) = SEARCH;
+    let width = (max - min) / f64::from(steps);
+    let ratios = (0..=steps).map(|i| min + width * f64::from(i));
     let best = ratios.min_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(1.0);
-    path(golden_section((best - width).max(least), (best + width).min(most), energy))
+    path(golden_section((best - width).max(min), (best + width).min(max), energy))
 }
 
 fn finite_or_infinity(value: f64) -> f64 {
     if value.is_finite() { value } else { f64::INFINITY }
 }
 
-/// The argument of the least value between two bounds, for a function with one minimum there (Kiefer 1953).
+/// The minimiser between two bounds of a function with one minimum there (Kiefer 1953).
 fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     const RATIO: f64 = 0.618_033_988_749_894_8;
     let (mut left, mut right) = (high - RATIO * (high - low), low + RATIO * (high - low));
@@ -184,7 +186,7 @@ fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// The distance between the ends, m, or why there is no path between them.
+/// The distance between the ends, m, or the reason why there is no path between them.
 fn chord(start_curvature: f64, end: &Pose, end_curvature: f64) -> Result<f64, QuinticFailure> {
     let d = end.position.coords;
     if ![d.x, d.y, end.yaw, start_curvature, end_curvature, d.norm()].iter().all(|v| v.is_finite()) {
@@ -205,7 +207,7 @@ impl Derivatives {
         cross(self.first, self.second) / self.first.norm().powi(3)
     }
 
-    /// dκ/du · |r′|⁵, which has its sign: |r′|² (r′ × r‴) − 3 (r′ × r″)(r′ · r″).
+    /// dκ/du · |r′|⁵, with the sign of dκ/du: |r′|² (r′ × r‴) − 3 (r′ × r″)(r′ · r″).
     fn curvature_slope(&self) -> f64 {
         self.first.norm_squared() * cross(self.first, self.third)
             - 3.0 * cross(self.first, self.second) * self.first.dot(&self.second)
@@ -213,7 +215,7 @@ impl Derivatives {
 }
 
 impl QuinticPath {
-    /// Position by rising powers of u, m, in the start frame.
+    /// Position by ascending powers of u, m, in the start frame.
     #[must_use]
     pub fn coefficients(&self) -> &[Vector; 6] {
         &self.coefficients
@@ -237,9 +239,9 @@ impl QuinticPath {
         }
     }
 
-    /// Pose and curvature at the parameter `u` ∈ [0, 1] of the path that begins at `start`. The heading is that of the
-    /// start plus a turn in (−π, π]: it jumps where the path has turned by more than half a turn. Curvature and its
-    /// derivative are not numbers at a cusp.
+    /// Pose and curvature at the parameter `u` ∈ [0, 1] of the path that begins at `start`. The heading is the start
+    /// heading plus an angle in (−π, π]: it jumps where the path has turned by more than half a turn. Curvature and its
+    /// derivative are NaN at a cusp.
     #[must_use]
     pub fn at(&self, start: &Pose, u: f64) -> PathPoint {
         let d = self.derivatives(u);
@@ -276,7 +278,7 @@ impl QuinticPath {
         self.arc_length(0.0, 1.0)
     }
 
-    /// Arc length between two parameters, m, negative if they run backwards. Within 1e-8 m on lattice problems.
+    /// Arc length between two parameters, m; negative if `to < from`. Accurate to 1e-8 m on lattice problems.
     #[must_use]
     pub fn arc_length(&self, from: f64, to: f64) -> f64 {
         integral(from, to, |u| self.first_derivative(u).norm())
@@ -288,8 +290,8 @@ impl QuinticPath {
         self.advanced((0.0, 0.0), s, self.length())
     }
 
-    /// The parameter at arc length `s`, from an earlier parameter and its arc length: Newton's method on the arc length,
-    /// whose derivative |r′| is at hand, with bisection where it leaves the bracket.
+    /// The parameter at arc length `s`, given an earlier parameter and its arc length: Newton's method on the arc length
+    /// with its derivative |r′|, and bisection where a step leaves the bracket.
     fn advanced(&self, (from, from_s): (f64, f64), s: f64, length: f64) -> f64 {
         if s >= length {
             return 1.0;
@@ -314,8 +316,8 @@ impl QuinticPath {
         u
     }
 
-    /// `intervals` + 1 points at equal spacing of arc length, both ends included, each with its arc length; at least one
-    /// interval.
+    /// `intervals` + 1 points at equal spacing of arc length, both ends included, each with its arc length (m). At least
+    /// one interval.
     #[must_use]
     pub fn sampled(&self, start: &Pose, intervals: usize) -> Vec<(f64, PathPoint)> {
         let length = self.length();
@@ -329,7 +331,7 @@ impl QuinticPath {
         (0..=intervals).map(sample).collect()
     }
 
-    /// Bending energy ∫ κ² ds, 1/m, by quadrature; infinite at a cusp, if a node meets it.
+    /// Bending energy ∫ κ² ds, 1/m, by quadrature. Not finite if a node of the quadrature lies at a cusp.
     #[must_use]
     pub fn bending_energy(&self) -> f64 {
         integral(0.0, 1.0, |u| {
@@ -339,28 +341,28 @@ impl QuinticPath {
         })
     }
 
-    /// Least and largest curvature on the whole path, 1/m.
+    /// Smallest and largest curvature on the whole path, 1/m.
     ///
     /// The zeros of dκ/du, a polynomial of degree 13 over |r′|⁵, are bracketed by its signs at 129 equidistant
-    /// parameters and found by bisection. Two extrema within one of these intervals are missed, by no more than the
-    /// curvature changes in 1/128 of the path: that matters only beside a cusp.
+    /// parameters and located by bisection. Two extrema within one interval are missed; the error is at most the change
+    /// of curvature within 1/128 of the path, which matters only near a cusp.
     #[must_use]
     pub fn curvature_range(&self) -> (f64, f64) {
         let slope = |u: f64| self.derivatives(u).curvature_slope();
         let mut range = (f64::INFINITY, f64::NEG_INFINITY);
-        let mut see = |u: f64| {
+        let mut include = |u: f64| {
             let k = self.curvature(u);
             range = (range.0.min(k), range.1.max(k));
         };
         let mut before = (0.0, slope(0.0));
-        see(0.0);
+        include(0.0);
         for i in 1..=BRACKETS {
             let u = f64::from(i) / f64::from(BRACKETS);
             let now = (u, slope(u));
             if before.1 * now.1 < 0.0 {
-                see(bisected(before, now.0, slope));
+                include(bisected(before, now.0, slope));
             }
-            see(u);
+            include(u);
             before = now;
         }
         range
@@ -373,14 +375,14 @@ impl QuinticPath {
         low.abs().max(high.abs())
     }
 
-    /// The path mirrored on its start heading: left and right exchanged.
+    /// The path mirrored at its start heading: left and right exchanged.
     #[must_use]
     pub fn mirrored(&self) -> Self {
         Self { coefficients: self.coefficients.map(|c| Vector::new(c.x, -c.y)) }
     }
 }
 
-/// Where `f`, with the value `at_low` at `low` and another sign at `high`, changes its sign.
+/// The argument at which `f` changes sign; `f(low)` is `at_low`, and `f(high)` has the opposite sign.
 fn bisected((mut low, at_low): (f64, f64), mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..HALVINGS {
         let middle = f64::midpoint(low, high);
@@ -389,7 +391,7 @@ fn bisected((mut low, at_low): (f64, f64), mut high: f64, f: impl Fn(f64) -> f64
     f64::midpoint(low, high)
 }
 
-/// ∫ f du by eight-point Gauss–Legendre panels, as many as the interval's share of [0, 1] asks for.
+/// ∫ f du by eight-point Gauss–Legendre panels, in proportion to the length of the interval.
 fn integral(from: f64, to: f64, f: impl Fn(f64) -> f64) -> f64 {
     let panels = ((to - from).abs() * PANELS).ceil().clamp(1.0, PANELS);
     let width = (to - from) / panels;
@@ -432,7 +434,7 @@ mod tests {
             let (first, last) = (path.at(&from, 0.0), path.at(&from, 1.0));
             prop_assert_eq!(first.pose, from);
             prop_assert!((first.curvature - start).abs() < 1e-15);
-            // of coordinates of 5e6 m a nanometre is left
+            // coordinates of 5e6 m have a resolution of a nanometre
             prop_assert!((from.to_local(last.pose.position) - end.position).norm() < 3e-9);
             prop_assert!((path.end(&ORIGIN).position - end.position).norm() < 1e-12);
             prop_assert!((path.end(&ORIGIN).yaw - end.yaw).abs() < 1e-13);
@@ -448,7 +450,7 @@ mod tests {
             let (s, h) = (part * path.length(), 1e-4 * path.length());
             let (before, here, after) =
                 (path.point_at(&ORIGIN, s - h), path.point_at(&ORIGIN, s), path.point_at(&ORIGIN, s + h));
-            prop_assume!(path.max_abs_curvature() < 0.5); // differences are blunt at sharp peaks
+            prop_assume!(path.max_abs_curvature() < 0.5); // finite differences are inaccurate at sharp peaks
             let tangent = (after.pose.position - before.pose.position) / (2.0 * h);
             prop_assert!((tangent - here.pose.forward()).norm() < 1e-4);
             prop_assert!((wrap_angle(after.pose.yaw - before.pose.yaw) / (2.0 * h) - here.curvature).abs() < 1e-4);
@@ -488,15 +490,15 @@ mod tests {
             let path = connect_with(start, &end, curvature, &tangents).unwrap();
             let samples = (0..=20_000).map(|i| path.curvature(f64::from(i) / 20_000.0));
             let (low, high) = samples.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), k| (l.min(k), h.max(k)));
-            let (least, largest) = path.curvature_range();
-            let size = 1e-12 + 1e-9 * path.max_abs_curvature();
-            prop_assert!(least <= low + size && high - size <= largest, "{least} {low} {high} {largest}");
-            prop_assert!(largest - high < 1e-5 * (1.0 + high.abs()) && low - least < 1e-5 * (1.0 + low.abs()));
+            let (min, max) = path.curvature_range();
+            let rounding = 1e-12 + 1e-9 * path.max_abs_curvature();
+            prop_assert!(min <= low + rounding && high - rounding <= max, "{min} {low} {high} {max}");
+            prop_assert!(max - high < 1e-5 * (1.0 + high.abs()) && low - min < 1e-5 * (1.0 + low.abs()));
         }
     }
 
     #[test]
-    fn a_straight_line_runs_evenly() {
+    fn a_straight_line_is_parametrised_by_arc_length() {
         let path = connect(0.0, &Pose::new(20.0, 0.0, 0.0), 0.0).unwrap();
         assert_eq!((path.max_abs_curvature(), path.bending_energy()), (0.0, 0.0));
         assert!((path.length() - 20.0).abs() < 1e-12);
@@ -505,8 +507,8 @@ mod tests {
     }
 
     #[test]
-    fn a_parabola_comes_back_with_its_closed_forms() {
-        // r(u) = (c u, a u²) is a quintic: its own end conditions must give it back
+    fn reproduces_a_parabola() {
+        // r(u) = (c u, a u²) is a quintic, so its end conditions determine it
         let (c, a) = (20.0_f64, 6.0_f64);
         let e = c.hypot(2.0 * a);
         let end = Pose::new(c, a, (2.0 * a).atan2(c));
@@ -526,7 +528,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_circle_is_met_to_a_thousandth_with_tangents_as_long_as_the_arc() {
+    fn approximates_a_quarter_circle_to_a_thousandth_with_tangents_as_long_as_the_arc() {
         let (radius, arc) = (10.0, 5.0 * PI);
         let end = Pose::new(radius, radius, PI / 2.0);
         let path = connect_with(1.0 / radius, &end, 1.0 / radius, &Tangents::equal(arc)).unwrap();
@@ -553,7 +555,7 @@ mod tests {
     }
 
     #[test]
-    fn the_searched_tangent_length_bends_least_of_all_looked_at() {
+    fn no_scanned_tangent_length_bends_less_than_the_optimum() {
         for (start, end, curvature) in lattice_problems(50) {
             let least = connect_least_bending(start, &end, curvature).unwrap().bending_energy();
             let chord = end.position.coords.norm();
@@ -565,13 +567,13 @@ mod tests {
         }
     }
 
-    /// What the module's head warns of: the same ends, the spiral beside it.
+    /// The weaknesses that the module documentation names, compared with the spiral between the same ends.
     #[test]
     fn curvature_depends_on_the_tangent_length_and_ends_in_a_cusp() {
-        // from straight ahead into a bend of 12.5 m radius
+        // from a straight into a curve with a radius of 12.5 m
         let (end, curvature) = (Pose::new(14.0, 3.0, 0.5), 0.08);
         let spiral = spiral::connect(0.0, &end, curvature).unwrap().max_abs_curvature();
-        assert!((spiral - curvature).abs() < 1e-12, "the spiral bends no more than the bend: {spiral}");
+        assert!((spiral - curvature).abs() < 1e-12, "the spiral exceeds the end curvature: {spiral}");
         let peak = |ratio: f64| {
             let tangents = Tangents::equal(ratio * end.position.coords.norm());
             connect_with(0.0, &end, curvature, &tangents).unwrap().max_abs_curvature()
@@ -593,14 +595,14 @@ mod tests {
         }
         for ratios in [by_chord, by_energy] {
             let above = ratios.iter().filter(|r| **r > 1.2).count();
-            assert!(above >= 100, "{above} of 2000 peak a fifth above the spiral");
-            assert!(ratios.iter().any(|r| *r > 1.5), "and some by half");
-            assert!(ratios.iter().all(|r| *r > 0.8), "never much below it");
+            assert!(above >= 100, "only {above} of 2000 exceed the spiral by a fifth");
+            assert!(ratios.iter().any(|r| *r > 1.5), "none exceeds the spiral by half");
+            assert!(ratios.iter().all(|r| *r > 0.8), "one is far below the spiral");
         }
     }
 
     #[test]
-    fn each_bad_input_has_its_reason() {
+    fn each_invalid_input_has_its_failure() {
         let ahead = Pose::new(20.0, 1.0, 0.1);
         assert_eq!(connect(f64::NAN, &ahead, 0.0), Err(QuinticFailure::NotFinite));
         assert_eq!(connect(0.0, &ahead, f64::INFINITY), Err(QuinticFailure::NotFinite));
@@ -614,11 +616,11 @@ mod tests {
         let tangents = Tangents { start_stretch: f64::NAN, ..Tangents::equal(20.0) };
         assert_eq!(connect_with(0.0, &ahead, 0.0, &tangents), Err(QuinticFailure::NotFinite));
         assert_eq!(connect(1e300, &Pose::new(1e200, 0.0, 0.0), 0.0), Err(QuinticFailure::NotFinite));
-        // large but finite: a path or a reason, never a hang
+        // large but finite input terminates with a path or a failure
         if let Ok(path) = connect(1e100, &ahead, -1e100) {
             let _ = (path.length(), path.curvature_range(), path.parameter_at(3.0));
         }
         let behind = connect(0.0, &Pose::new(-10.0, 1.0, 0.0), 0.0).unwrap();
-        assert!(behind.length() > 10.0, "every end is reached, with a loop if need be");
+        assert!(behind.length() > 10.0, "an end behind the start must be reached with a loop");
     }
 }

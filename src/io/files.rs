@@ -1,15 +1,17 @@
-//! Input files that end, and output files that are whole or not there.
+//! Reads input files up to a size limit; writes output files atomically.
 //!
-//! Inputs are read up to a limit: what never ends (a device, a pipe) is told, not read until the memory is full.
+//! The limit guards against inputs that never end, such as a device or a pipe: reading one is an error instead of
+//! filling the memory.
 //!
-//! Outputs are written under a temporary name in the same folder, then renamed. A reader of the file never sees half of
-//! it, and a program that is stopped leaves the old file as it was. What is not a regular file (a terminal, a pipe, the
-//! null device) is written to directly.
+//! An output is written under a temporary name in the same folder, then renamed. A reader of the file never sees half of
+//! it, and an interrupted program leaves the old file unchanged. Terminals, pipes and devices are written directly.
 
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Why an input file could not be read, whatever is in it.
+use super::text::TextError;
+
+/// Why an input file could not be read, independent of its format.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum InputError {
@@ -21,27 +23,44 @@ pub enum InputError {
         /// The reason.
         source: std::io::Error,
     },
-    /// The file is larger than any sound one, or never ends.
-    #[error("{}: larger than {limit} bytes, expected no more of such a file", path.display())]
+    /// The file is larger than any valid one, or never ends.
+    #[error("{}: larger than {limit} bytes, the limit for such a file", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
         /// The limit, bytes.
         limit: u64,
     },
+    /// The file is not text, or not in a known encoding.
+    #[error("{}{}: {source}", path.display(), source.line().map_or_else(String::new, |line| format!(":{line}")))]
+    NotText {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: TextError,
+    },
 }
 
-/// The bytes of an input file.
+/// Reads the bytes of a file.
 ///
 /// # Errors
 /// The file cannot be read, or has more than `limit` bytes.
 pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, InputError> {
-    let unreadable = |source| InputError::Unreadable { path: path.to_owned(), source };
+    let file = std::fs::File::open(path);
+    let file = file.map_err(|source| InputError::Unreadable { path: path.to_owned(), source })?;
+    read_from(path, file, limit)
+}
+
+/// Reads a stream to its end; `name` stands for it in messages.
+///
+/// # Errors
+/// The stream fails, or has more than `limit` bytes.
+pub fn read_from(name: &Path, stream: impl std::io::Read, limit: u64) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(unreadable)?;
-    file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(unreadable)?;
+    let read = stream.take(limit.saturating_add(1)).read_to_end(&mut bytes);
+    read.map_err(|source| InputError::Unreadable { path: name.to_owned(), source })?;
     if bytes.len() as u64 > limit {
-        return Err(InputError::TooLarge { path: path.to_owned(), limit });
+        return Err(InputError::TooLarge { path: name.to_owned(), limit });
     }
     Ok(bytes)
 }
@@ -62,22 +81,22 @@ impl WriteError {
     }
 }
 
-/// Writes the file whole, or leaves what was there.
+/// Replaces a file by new content. On an error the old file is unchanged.
 ///
 /// # Errors
-/// The folder does not exist or is not writable, the file is write-protected, the disk is full.
+/// The folder does not exist or is not writable, the file is write-protected, or the disk is full.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     try_write(path, bytes).map_err(|source| WriteError::new(path, source))
 }
 
-/// Whether [`write_atomic`] would find its way, so that a run of minutes does not fail at its end.
+/// Checks that [`write_atomic`] can write the file, so that a long run does not fail at its end. Creates nothing.
 ///
 /// # Errors
-/// As [`write_atomic`], but for what happens only while writing.
+/// As [`write_atomic`], except for errors that occur only while writing.
 pub fn check_writable(path: &Path) -> Result<(), WriteError> {
     let check = || match Target::of(path)? {
         Target::Regular(file) => temporary_beside(&file).map(drop),
-        // opening a pipe and closing it again would be the end of the text to its reader
+        // closing a pipe would signal the end of the file to its reader
         Target::Special if is_pipe(path) => Ok(()),
         Target::Special => std::fs::OpenOptions::new().write(true).open(path).map(drop),
     };
@@ -99,7 +118,7 @@ fn try_write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 #[cfg(unix)]
 fn is_pipe(path: &Path) -> bool {
     use std::os::unix::fs::FileTypeExt as _;
-    std::fs::metadata(path).is_ok_and(|about| about.file_type().is_fifo())
+    std::fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo())
 }
 
 #[cfg(not(unix))]
@@ -108,7 +127,7 @@ fn is_pipe(_: &Path) -> bool {
 }
 
 enum Target {
-    /// A file, there or not yet, with symbolic links followed: renaming must not replace the link.
+    /// A regular file, existing or not, with symbolic links resolved: renaming must not replace a link.
     Regular(PathBuf),
     /// A device or pipe: renaming must not replace it.
     Special,
@@ -117,18 +136,18 @@ enum Target {
 impl Target {
     fn of(path: &Path) -> std::io::Result<Self> {
         use std::io::{Error, ErrorKind};
-        let about = match std::fs::metadata(path) {
-            Ok(about) => about,
+        let metadata = match std::fs::metadata(path) {
+            Ok(metadata) => metadata,
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Self::Regular(path.to_owned())),
             Err(e) => return Err(e),
         };
-        if about.is_dir() {
+        if metadata.is_dir() {
             return Err(Error::new(ErrorKind::IsADirectory, "is a folder"));
         }
-        if !about.is_file() {
+        if !metadata.is_file() {
             return Ok(Self::Special);
         }
-        if about.permissions().readonly() {
+        if metadata.permissions().readonly() {
             return Err(Error::new(ErrorKind::PermissionDenied, "is write-protected"));
         }
         path.canonicalize().map(Self::Regular)
@@ -143,7 +162,7 @@ fn temporary_beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        builder.permissions(std::fs::Permissions::from_mode(0o666)); // less what the user's mask takes away
+        builder.permissions(std::fs::Permissions::from_mode(0o666)); // the umask applies
     }
     builder.tempfile_in(folder)
 }
@@ -160,41 +179,41 @@ mod tests {
     }
 
     #[test]
-    fn an_input_is_read_up_to_its_limit_and_named_beyond_it() {
+    fn refuses_an_input_beyond_the_limit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("in.bin");
         std::fs::write(&path, b"12345").unwrap();
         assert_eq!(read(&path, 5).unwrap(), b"12345");
         let error = read(&path, 4).unwrap_err().to_string();
         assert!(error.contains("in.bin: larger than 4 bytes"), "{error}");
-        for none in [folder.path().join("none"), folder.path().to_owned()] {
-            let error = read(&none, 5).unwrap_err().to_string();
-            assert!(error.starts_with(&format!("{}: cannot be read: ", none.display())), "{error}");
+        for unreadable in [folder.path().join("none"), folder.path().to_owned()] {
+            let error = read(&unreadable, 5).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{}: cannot be read: ", unreadable.display())), "{error}");
         }
     }
 
     #[cfg(unix)]
     #[test]
-    fn a_device_that_never_ends_is_told() {
+    fn refuses_an_endless_device() {
         assert!(matches!(read(Path::new("/dev/zero"), 1000), Err(InputError::TooLarge { limit: 1000, .. })));
     }
 
     #[test]
-    fn a_file_is_replaced_whole_and_nothing_else_is_left() {
+    fn replaces_a_file_and_leaves_no_temporary_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("out.json");
         check_writable(&path).unwrap();
-        assert_eq!(names(folder.path()), Vec::<String>::new(), "the check leaves nothing");
+        assert_eq!(names(folder.path()), Vec::<String>::new(), "the check leaves no file");
         write_atomic(&path, b"a long first text").unwrap();
         write_atomic(&path, b"short").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"short");
         check_writable(&path).unwrap();
-        assert_eq!(std::fs::read(&path).unwrap(), b"short", "the check changes nothing");
+        assert_eq!(std::fs::read(&path).unwrap(), b"short", "the check keeps the content");
         assert_eq!(names(folder.path()), ["out.json"]);
     }
 
     #[test]
-    fn what_cannot_be_written_is_named_by_check_and_write_alike() {
+    fn check_and_write_report_the_same_errors() {
         let folder = tempfile::tempdir().unwrap();
         let protected = folder.path().join("protected");
         std::fs::write(&protected, "old").unwrap();
@@ -213,7 +232,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn the_check_of_a_pipe_is_not_the_end_of_it_to_its_reader() {
+    fn the_check_does_not_close_a_pipe() {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
@@ -228,7 +247,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn devices_and_links_are_written_through_never_replaced() {
+    fn writes_through_devices_and_links() {
         use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _, symlink};
         write_atomic(Path::new("/dev/null"), b"gone").unwrap();
         assert!(std::fs::metadata("/dev/null").unwrap().file_type().is_char_device());

@@ -1,11 +1,14 @@
-//! Files: one module per format, into and out of [`crate::map`].
+//! Readers and writers of files, one module per format, from and to the types of [`crate::map`].
 //!
-//! A reader gives the usable map **and** the list of problems it met; only what cannot be read safely is an error, and
-//! the error names the file, the line and the element. Writers never leave half a file behind: [`files`].
+//! A reader returns the usable map **and** the list of issues. Only content that cannot be read safely is an error; the
+//! error names the file, the line, the element and the expected value. [`text`] decodes and decompresses for all text
+//! formats; [`files`] writes atomically.
 
 pub mod commonroad;
 pub mod csv;
 pub mod files;
+pub mod kind;
 pub mod ros_map;
 pub mod settings_file;
 pub mod solution;
+pub mod text;

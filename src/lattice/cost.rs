@@ -1,34 +1,35 @@
-//! What a path costs, term by term. All terms are additive along the path, in the same unit: metres of detour.
+//! The cost of a path, by term. All terms have the same unit, metres of detour, and add up along the path.
 
-/// Weights of the cost terms.
+/// Weights of the cost terms; the section `[planner.lattice.weights]` of a settings file. Each is in metres of detour per
+/// unit of its quantity.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Weights {
-    /// Per metre of way and square metre of offset from the reference line.
+    /// Per metre of path and square metre of offset from the reference line, 1/m².
     pub offset: f64,
-    /// Per 1/m of bending energy ∫κ² ds.
+    /// Per unit of bending energy ∫κ² ds (1/m), m².
     pub curvature: f64,
-    /// Per metre lost where the path bends more than the present speed allows: more than 1, as slowing down and gaining
-    /// speed again lose about as much again.
+    /// Per metre lost in curves that are too tight for the present speed. More than 1, since braking and accelerating lose
+    /// about the same distance again.
     pub curve_slowdown: f64,
-    /// Per metre of way at zero clearance; falls with the square to nothing at `desired_clearance`.
+    /// Per metre of path at zero clearance; decreases quadratically to zero at `desired_clearance`.
     pub clearance: f64,
-    /// Clearance that costs nothing, m.
+    /// Clearance from which on there is no cost, m. Not a weight.
     pub desired_clearance: f64,
-    /// Per metre of way and metre by which the footprint leaves its lane.
+    /// Per metre of path and metre by which the footprint leaves its lane, 1/m.
     pub lane_deviation: f64,
-    /// Per metre missing to the horizon where the way is blocked.
+    /// Per metre between the free end of the path and the horizon.
     pub progress_shortfall: f64,
-    /// Per metre of the largest lateral distance to the plan in force: the price of leaving it.
+    /// Per metre of the largest lateral distance from the committed plan.
     pub plan_change: f64,
-    /// Per lane change still needed to stay on the route.
+    /// Per lane change that the route still needs, m.
     pub lane_change: f64,
-    /// Per metre that the speed layer falls behind free driving, beyond what `curve_slowdown` has counted.
+    /// Per metre of progress less than unobstructed driving, beyond `curve_slowdown`.
     pub travel_time: f64,
 }
 
 impl Weights {
-    /// Every weight with its name in the settings.
+    /// Every weight with its key in the settings.
     #[must_use]
     pub fn named(&self) -> [(&'static str, f64); 10] {
         [
@@ -63,26 +64,26 @@ impl Default for Weights {
     }
 }
 
-/// The cost of a path by term.
+/// The cost of a path by term, metres of detour.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct CostTerms {
     /// Distance from the reference line.
     pub offset: f64,
     /// Bending energy.
     pub curvature: f64,
-    /// Bends, sharper than the reference line's, that the present speed can't be kept through.
+    /// Slowdown in curves that are tighter than the reference line and too tight for the present speed.
     pub curve_slowdown: f64,
-    /// Closeness to static obstacles and the road's edge.
+    /// Small clearance to static obstacles and the road boundary.
     pub clearance: f64,
-    /// Leaving the lane.
+    /// Deviation of the footprint from its lane.
     pub lane_deviation: f64,
-    /// Way missing to the horizon.
+    /// Free length less than the horizon.
     pub progress_shortfall: f64,
-    /// Leaving the plan in force.
+    /// Departure from the committed plan.
     pub plan_change: f64,
-    /// Lane changes to go.
+    /// Lane changes that the route still needs.
     pub lane_change: f64,
-    /// Falling behind free driving, beyond `curve_slowdown`.
+    /// Progress less than unobstructed driving, beyond `curve_slowdown`. Known only after the speed search.
     pub travel_time: f64,
 }
 
@@ -117,14 +118,14 @@ impl CostTerms {
             + self.travel_time
     }
 
-    /// The sum in whole millionths, to compare: costs that differ by rounding only are equal, so that a turned or moved
-    /// map does not decide between them.
+    /// The total in integer millionths, for comparisons: costs that differ only by rounding are equal, so that rotating or
+    /// moving a map does not change decisions.
     #[must_use]
     pub fn rank(&self) -> i64 {
         rank(self.total())
     }
 
-    /// Term by term sum.
+    /// The sum, term by term.
     #[must_use]
     pub fn plus(&self, other: &Self) -> Self {
         Self {
@@ -141,7 +142,7 @@ impl CostTerms {
     }
 }
 
-/// A cost in whole millionths; see [`CostTerms::rank`].
+/// A cost in integer millionths; see [`CostTerms::rank`].
 #[must_use]
 #[allow(clippy::cast_possible_truncation)] // saturates far above any cost of a path
 pub fn rank(cost: f64) -> i64 {
@@ -163,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn every_weight_and_every_term_is_named_and_every_term_has_its_weight() {
+    fn every_weight_and_term_has_a_name_and_every_term_has_a_weight() {
         let weights = Weights::default();
         let names = weights.named().map(|(name, _)| name.strip_prefix("planner.lattice.weights.").unwrap());
         assert_eq!(sorted(names), sorted(keys(&weights).iter().map(String::as_str)));
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn the_total_is_the_sum_of_the_named_terms_and_sums_go_term_by_term() {
+    fn the_total_is_the_sum_of_all_terms() {
         let mut terms = CostTerms::default();
         for (i, term) in [
             &mut terms.offset,

@@ -1,55 +1,55 @@
-//! What became of the edges that a search looked at: the reasons behind a lattice that offers little or nothing.
+//! Counts of lattice edges by outcome: they explain why a lattice has few paths or none.
 
 use std::collections::BTreeMap;
 
 use crate::collision::Blocker;
 
-/// Edges that a search looked at, by what became of them. Every edge counts once:
-/// `tried` = `off_road` + `no_spiral` + `curvature_bound` + `winds` + `unchecked` + `obstacle` + `occupied_cell` +
+/// Counts of the edges of a search by outcome. Every edge counts once:
+/// `tried` = `off_road` + `no_spiral` + `curvature_bound` + `detour` + `unchecked` + `obstacle` + `occupied_cell` +
 /// `road_edge` + `free`.
 ///
-/// Counts depend on the question alone, not on what the store had kept from before; only `solved` and `swept` do.
+/// Except `solved` and `swept`, the counts do not depend on the edges that are cached from earlier searches.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
 pub struct EdgeCounts {
-    /// Pairs of start and node that the lattice's shape allows.
+    /// Pairs of start and node within the shape of the lattice.
     pub tried: usize,
-    /// The node itself lies off the road.
+    /// The node is off the road.
     pub off_road: usize,
-    /// No cubic spiral was found that ends in the node.
+    /// No cubic spiral connects start and node.
     pub no_spiral: usize,
-    /// The spiral would bend more than the vehicle can.
+    /// The spiral exceeds the curvature bound of the vehicle.
     pub curvature_bound: usize,
-    /// The spiral makes a long detour to meet its end conditions.
-    pub winds: usize,
-    /// Never checked for collision: not even a free one would have been part of a path worth returning.
+    /// The spiral is much longer than its chord.
+    pub detour: usize,
+    /// Not checked for collision, because the edge cannot be part of a returned path.
     pub unchecked: usize,
-    /// Ends in front of a static obstacle.
+    /// Blocked by a static obstacle.
     pub obstacle: usize,
-    /// Ends in front of an occupied cell of a grid.
+    /// Blocked by an occupied cell of an occupancy grid.
     pub occupied_cell: usize,
-    /// Ends where the road does.
+    /// Blocked by the road boundary.
     pub road_edge: usize,
     /// Free over its whole length.
     pub free: usize,
-    /// Edges whose spiral was solved in this search; the others were kept from before.
+    /// Edges whose spiral was solved in this search; the others were cached.
     pub solved: usize,
-    /// Edges whose footprint was swept and checked in this search; the others were kept from before.
+    /// Edges that were swept and checked in this search; the others were cached.
     pub swept: usize,
-    /// `obstacle` by the obstacle's id in the file.
+    /// `obstacle` by the id of the obstacle.
     pub by_obstacle: BTreeMap<i64, usize>,
 }
 
-/// Why there is no edge between two places.
+/// Why there is no edge between a start and a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NoEdge {
     OffRoad,
     NoSpiral,
     CurvatureBound,
-    Winds,
+    Detour,
 }
 
 impl EdgeCounts {
-    /// Every count with its stable name, in a stable order.
+    /// Every count with its name in reports, in a stable order.
     #[must_use]
     pub fn named(&self) -> [(&'static str, usize); 12] {
         [
@@ -57,7 +57,7 @@ impl EdgeCounts {
             ("off_road", self.off_road),
             ("no_spiral", self.no_spiral),
             ("curvature_bound", self.curvature_bound),
-            ("winds", self.winds),
+            ("detour", self.detour),
             ("unchecked", self.unchecked),
             ("obstacle", self.obstacle),
             ("occupied_cell", self.occupied_cell),
@@ -68,13 +68,13 @@ impl EdgeCounts {
         ]
     }
 
-    /// The sum of two searches.
+    /// Adds the counts of another search.
     pub fn add(&mut self, other: &Self) {
         self.tried += other.tried;
         self.off_road += other.off_road;
         self.no_spiral += other.no_spiral;
         self.curvature_bound += other.curvature_bound;
-        self.winds += other.winds;
+        self.detour += other.detour;
         self.unchecked += other.unchecked;
         self.obstacle += other.obstacle;
         self.occupied_cell += other.occupied_cell;
@@ -87,13 +87,13 @@ impl EdgeCounts {
         }
     }
 
-    pub(super) fn count_refused(&mut self, reason: NoEdge) {
+    pub(super) fn count_rejected(&mut self, reason: NoEdge) {
         self.tried += 1;
         match reason {
             NoEdge::OffRoad => self.off_road += 1,
             NoEdge::NoSpiral => self.no_spiral += 1,
             NoEdge::CurvatureBound => self.curvature_bound += 1,
-            NoEdge::Winds => self.winds += 1,
+            NoEdge::Detour => self.detour += 1,
         }
     }
 

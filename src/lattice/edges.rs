@@ -1,10 +1,10 @@
-//! Spiral edges: the curve and what it costs at least come first, the collision check when a search asks for it.
+//! Spiral edges. The curve and a lower bound of its cost are computed first, the collision check on demand.
 
 use std::sync::{Arc, OnceLock};
 
 use super::cost::{CostTerms, Weights};
 use super::counts::NoEdge;
-use super::curve_slowdown::{Bends, SAMPLES};
+use super::curve_slowdown::{CurvatureSamples, SAMPLES};
 use super::{LatticeContext, Node, Root, Settings};
 use crate::collision::{Allowance, Blocker, Clearance, StaticHit, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
@@ -15,50 +15,50 @@ use crate::reference::Frenet;
 /// An edge of the lattice.
 #[derive(Debug, Clone)]
 pub(super) struct Edge {
-    /// Index of the node it ends at, in its layer.
+    /// Index of its end node in the layer.
     pub(super) to: usize,
-    /// Offset of that node, m.
+    /// Offset of its end node, m.
     pub(super) end_offset: f64,
     /// The curve.
     pub(super) spiral: CubicSpiral,
-    /// Where it starts.
+    /// Start pose.
     start: Pose,
-    /// What it costs at least: the terms that need no collision check.
-    pub(super) least: CostTerms,
-    /// How much it bends.
-    bends: Bends,
-    /// Whether it ends beside its node, so that no other edge goes on from it.
+    /// Lower bound of its cost: the terms that need no collision check.
+    pub(super) lower_bound: CostTerms,
+    /// Its curvatures.
+    curvatures: CurvatureSamples,
+    /// Whether it ends beside its node, so that no edge can follow.
     pub(super) ends_chain: bool,
     checked: OnceLock<Checked>,
     sweep: OnceLock<Arc<Sweep>>,
 }
 
-/// What the collision check of an edge found.
+/// Result of the collision check of an edge.
 #[derive(Debug, Clone)]
 pub(super) struct Checked {
-    /// How far the rear axle may come on it, m; below zero if something is in the way before it begins.
+    /// Largest collision-free station of the rear axle on it, m; negative if the kept prefix is blocked.
     pub(super) free_length: f64,
-    /// What ends it before its length.
+    /// The blocker, if it is not free over its whole length.
     pub(super) blocked_by: Option<Blocker>,
     /// Its cost.
     pub(super) terms: CostTerms,
 }
 
-/// What a root brings with it: the part of the committed path that is driven before, swept once for all edges.
+/// The kept prefix of the committed path before a root, swept once for all edges.
 #[derive(Debug, Clone)]
 pub(super) struct KeptPrefix {
     pub(super) sweeps: Vec<Arc<Sweep>>,
     pub(super) length: f64,
     hit: Option<StaticHit>,
-    /// Distances that it keeps: a path is as close as its closest part.
+    /// Clearance of the prefix; the clearance of a path is the minimum over its parts.
     clearance: Clearance,
-    /// What checks overlook, by stations of the edge.
+    /// Relaxation of the checks, in stations of the edge.
     allowance: Allowance,
 }
 
 impl KeptPrefix {
-    /// For edges between nodes.
-    pub(super) const NOTHING: Self = Self {
+    /// The prefix of edges between nodes.
+    pub(super) const EMPTY: Self = Self {
         sweeps: Vec::new(),
         length: 0.0,
         hit: None,
@@ -74,7 +74,7 @@ impl KeptPrefix {
             length,
             clearance: sweep
                 .as_ref()
-                .map_or(Self::NOTHING.clearance, |s| context.world.clearance(s, weights.desired_clearance)),
+                .map_or(Self::EMPTY.clearance, |s| context.world.clearance(s, weights.desired_clearance)),
             hit: sweep.as_ref().and_then(|s| context.world.static_hit_from_start(s, &root.allowance)),
             sweeps: sweep.into_iter().map(Arc::new).collect(),
             allowance: Allowance {
@@ -86,7 +86,7 @@ impl KeptPrefix {
 }
 
 impl Edge {
-    /// The edge between two nodes, each with its station.
+    /// The edge between two nodes, each with its station (m).
     pub(super) fn between(
         context: &LatticeContext<'_>,
         (s0, from): (f64, &Node),
@@ -99,7 +99,7 @@ impl Edge {
         Ok(Self::new(context, (start.pose, s0), spiral, (to, index, s1), false, settings))
     }
 
-    /// The edge from the root, at about station `s0`, to a node. Where the curvature bound bites, it may end beside it.
+    /// The edge from the root, near station `s0`, to a node. If the curvature bound is active, it may end beside the node.
     pub(super) fn from_root(
         context: &LatticeContext<'_>,
         (s0, root): (f64, &Root),
@@ -125,47 +125,47 @@ impl Edge {
         ends_chain: bool,
         settings: &Settings,
     ) -> Self {
-        let (least, bends) = least_terms(context, &start, &spiral, (s0, s1), &settings.weights);
+        let (lower_bound, curvatures) = unchecked_terms(context, &start, &spiral, (s0, s1), &settings.weights);
         Self {
             to: index,
             end_offset: to.offset,
             spiral,
             start,
-            least,
-            bends,
+            lower_bound,
+            curvatures,
             ends_chain,
             checked: OnceLock::new(),
             sweep: OnceLock::new(),
         }
     }
 
-    /// What it costs at the present speed beyond what it always costs.
+    /// The cost term that depends on the present speed.
     pub(super) fn curve_slowdown(&self, context: &LatticeContext<'_>, weights: &Weights) -> f64 {
-        weights.curve_slowdown * self.bends.curve_slowdown(self.spiral.length, context.full_speed_curvature)
+        weights.curve_slowdown * self.curvatures.curve_slowdown(self.spiral.length, context.full_speed_curvature)
     }
 
-    /// The collision check if it was made.
+    /// The result of the collision check, if it was made.
     pub(super) fn checked(&self) -> Option<&Checked> {
         self.checked.get()
     }
 
-    /// The collision check, made now if it was not before. `before` must be that of the edge's start.
+    /// The result of the collision check, which is made now if necessary. `before` must belong to the start of the edge.
     pub(super) fn check(&self, context: &LatticeContext<'_>, before: &KeptPrefix, settings: &Settings) -> &Checked {
         self.checked
-            .get_or_init(|| checked(context, (&self.start, &self.spiral), &self.least, before, &settings.weights))
+            .get_or_init(|| checked(context, (&self.start, &self.spiral), &self.lower_bound, before, &settings.weights))
     }
 
-    /// Its swept footprint: made for the chains that are handed out only.
+    /// Its swept footprint; computed only for returned chains.
     pub(super) fn sweep(&self, context: &LatticeContext<'_>) -> &Arc<Sweep> {
         self.sweep.get_or_init(|| Arc::new(context.world.sweep(&self.start, &self.spiral)))
     }
 }
 
-/// The collision check of a spiral in its place. `least` are its terms so far; `before` is what is driven before it.
+/// The collision check of a spiral. `lower_bound` contains its other cost terms, `before` is the prefix before it.
 pub(super) fn checked(
     context: &LatticeContext<'_>,
     (start, spiral): (&Pose, &CubicSpiral),
-    least: &CostTerms,
+    lower_bound: &CostTerms,
     before: &KeptPrefix,
     w: &Weights,
 ) -> Checked {
@@ -180,66 +180,66 @@ pub(super) fn checked(
     Checked {
         free_length: hit.map_or(spiral.length, |h| h.station - from),
         blocked_by: hit.map(|h| h.what),
-        terms: CostTerms { clearance: w.clearance * spiral.length * share.powi(2), ..*least },
+        terms: CostTerms { clearance: w.clearance * spiral.length * share.powi(2), ..*lower_bound },
     }
 }
 
-/// The clearance that costs by, m.
+/// The clearance that the cost depends on, m.
 pub(super) fn closeness(clearance: &Clearance) -> f64 {
-    clearance.obstacle.min(clearance.road + ROAD_IS_KINDER)
+    clearance.obstacle.min(clearance.road + ROAD_CLEARANCE_BONUS)
 }
 
-/// The terms of a spiral that need neither a collision check nor the present speed, and how much it bends. `stations` are
-/// about where it begins and ends on the reference line, m.
-pub(super) fn least_terms(
+/// The cost terms of a spiral that depend neither on a collision check nor on the present speed, and its curvatures.
+/// `begins` and `ends` are approximate stations of its ends on the reference line, m.
+pub(super) fn unchecked_terms(
     context: &LatticeContext<'_>,
     start: &Pose,
     spiral: &CubicSpiral,
     (begins, ends): (f64, f64),
     w: &Weights,
-) -> (CostTerms, Bends) {
+) -> (CostTerms, CurvatureSamples) {
     let mut terms = CostTerms { curvature: w.curvature * spiral.bending_energy(), ..CostTerms::default() };
     let mut curvatures = [(0.0, 0.0); COST_SAMPLES];
-    let way = spiral.length / COST_SAMPLES as f64;
-    for ((along, point), curvature) in spiral.samples(start, COST_SAMPLES).skip(1).zip(&mut curvatures) {
-        let about = begins + (ends - begins) * along / spiral.length;
-        let Frenet { s, l } = context.reference.project_near(point.pose.position, about);
-        terms.offset += w.offset * way * l.abs().min(OFFSET_SATURATES).powi(2);
+    let spacing = spiral.length / COST_SAMPLES as f64;
+    for ((station, point), curvature) in spiral.samples(start, COST_SAMPLES).skip(1).zip(&mut curvatures) {
+        let hint = begins + (ends - begins) * station / spiral.length;
+        let Frenet { s, l } = context.reference.project_near(point.pose.position, hint);
+        terms.offset += w.offset * spacing * l.abs().min(OFFSET_SATURATES).powi(2);
         let (left, right) = context.reference.lane_bounds(s);
         let over = (l + context.half_width - left).max(context.half_width - l - right).max(0.0);
-        terms.lane_deviation += w.lane_deviation * way * over;
+        terms.lane_deviation += w.lane_deviation * spacing * over;
         *curvature = (point.curvature, context.reference.at(s).curvature);
     }
-    (terms, Bends::new(curvatures))
+    (terms, CurvatureSamples::new(curvatures))
 }
 
-/// Nodes within this offset may be missed sideways where the curvature bound bites, m: a tight corner needs some way
-/// round it, not one to every node.
+/// Edges to nodes within this offset may slide sideways if the curvature bound is active, m: a tight corner needs some path,
+/// not one to every node.
 const SLIDES_WITHIN: f64 = 1.0;
-/// A spiral this many times longer than its chord winds: not an edge.
-const LONGEST_DETOUR: f64 = 1.5;
-/// Offsets beyond this cost no more (m): on the way from another lane they say nothing about the path.
+/// Largest ratio of the length of an edge to its chord.
+const MAX_DETOUR: f64 = 1.5;
+/// The offset cost saturates at this offset, m: during a lane change a larger offset does not make the path worse.
 pub(crate) const OFFSET_SATURATES: f64 = 2.0;
-/// The road's edge costs like an obstacle that is this much farther away (m): lanes are narrow by design.
-const ROAD_IS_KINDER: f64 = 0.5;
+/// The road boundary costs like an obstacle that is farther away by this, m: lanes are narrow by design.
+const ROAD_CLEARANCE_BONUS: f64 = 0.5;
 
-/// The spiral from a pose to a node, if there is one whose curvature stays within the bound everywhere.
+/// The spiral from a pose to a node, if its curvature is within the bound everywhere.
 fn bounded(start: &Pose, start_curvature: f64, end: &PathPoint, max_curvature: f64) -> Result<CubicSpiral, NoEdge> {
     let local = Pose { position: start.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - start.yaw) };
     let spiral = connect(start_curvature, &local, end.curvature).map_err(|_| NoEdge::NoSpiral)?;
-    if spiral.length > LONGEST_DETOUR * local.position.coords.norm() {
-        return Err(NoEdge::Winds);
+    if spiral.length > MAX_DETOUR * local.position.coords.norm() {
+        return Err(NoEdge::Detour);
     }
     let bound = max_curvature.max(start_curvature.abs());
     if spiral.max_abs_curvature() > bound * (1.0 + 1e-9) { Err(NoEdge::CurvatureBound) } else { Ok(spiral) }
 }
 
-/// The spiral to a node under the curvature bound, by the convex program that slides its end sideways as little as needed.
+/// The spiral to a node under the curvature bound; a convex program slides its end sideways as little as needed.
 fn slid(root: &Root, end: &PathPoint, max_curvature: f64) -> Option<CubicSpiral> {
     let local = Pose { position: root.pose.to_local(end.pose.position), yaw: wrap_angle(end.pose.yaw - root.pose.yaw) };
     let found = connect_bounded(root.curvature, &local, end.curvature, max_curvature).ok()?;
-    let winds = found.spiral.length > LONGEST_DETOUR * local.position.coords.norm();
-    (found.method == Method::Convex && !winds).then_some(found.spiral)
+    let detour = found.spiral.length > MAX_DETOUR * local.position.coords.norm();
+    (found.method == Method::Convex && !detour).then_some(found.spiral)
 }
-/// Samples along an edge for the costs by offset.
+/// Number of samples of an edge for the offset and lane costs.
 pub(super) const COST_SAMPLES: usize = SAMPLES;

@@ -1,10 +1,10 @@
-//! Where the layers of nodes lie along the reference line.
+//! The stations of the layers on the reference line.
 //!
-//! Consecutive cycles must find the same layers again, or each makes its edges anew; but a lattice that only ever has the
-//! same few stations can't place its swerves where the obstacles are. So: the distance between layers is one of a few,
-//! chosen by the speed alone; layers lie at whole multiples of a quarter of it (of the grid at least), which gives four
-//! sets of layers that take turns as the vehicle moves on; and where the reference line turns much between two layers,
-//! the gap is halved until it turns little or is one grid step.
+//! Consecutive cycles should use the same layers, so that edges can be cached. But with only a few fixed stations the lattice
+//! could not place swerves near the obstacles. Therefore the distance between layers is one of a few values that depend only
+//! on the speed. Layers are at integer multiples of a quarter of that distance (at least of the grid), so that four sets of
+//! layers alternate as the vehicle moves. Where the reference line turns by more than [`Settings::max_turn`] between two
+//! layers, the gap is halved until it turns less or is one grid step.
 
 use super::Settings;
 use crate::geometry::wrap_angle;
@@ -12,40 +12,40 @@ use crate::reference::ReferenceLine;
 
 /// Indices of stations, in multiples of [`Settings::grid`], of the layers ahead of station `here`, nearest first.
 pub(super) fn ahead(reference: &ReferenceLine, here: f64, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
-    let wanted = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
-    let (stride, phase) = spacing(wanted, settings);
+    let target = (speed * settings.edge_time).clamp(settings.min_edge_length, settings.max_edge_length);
+    let (stride, phase) = spacing(target, settings);
     let farthest = (here + horizon).min(reference.length());
     let station = |index: i64| index as f64 * settings.grid;
-    let first = ceil((here + wanted) / (phase as f64 * settings.grid)) * phase;
+    let first = ceil((here + target) / (phase as f64 * settings.grid)) * phase;
     let mut layers = Vec::new();
     // the gap before the first layer may be halved, too
     let mut to = first;
     while layers.len() < settings.layers && station(to) <= farthest + ON_GRID {
         split(reference, to - stride, to, settings, &mut layers);
-        layers.retain(|index| *index >= first || station(*index) >= here + settings.shortest_edge);
+        layers.retain(|index| *index >= first || station(*index) >= here + settings.min_edge_length);
         to += stride;
     }
     layers.truncate(settings.layers);
     if layers.is_empty() {
-        // less than one edge of road left: the last grid station there is
+        // the road ends within one edge: use its last grid station
         let last = ceil(farthest / settings.grid + ON_GRID) - 1;
-        layers.extend((station(last) > here + SHORTEST_LAST_EDGE).then_some(last));
+        layers.extend((station(last) > here + MIN_LAST_EDGE).then_some(last));
     }
     layers
 }
 
-/// A station within this of a grid line lies on it, in steps and m: rounding must not decide on which side.
+/// Tolerance of stations on the grid, in steps and m, so that rounding does not decide.
 const ON_GRID: f64 = 1e-6;
-/// At the end of the road the only edge may be as short as this, m.
-const SHORTEST_LAST_EDGE: f64 = 1.0;
+/// Shortest edge at the end of the road, m.
+const MIN_LAST_EDGE: f64 = 1.0;
 
-/// Distances between layers and the unit that their stations are multiples of, in grid steps. Neighbouring distances
-/// differ by a third or a half, so that one is never far from what is wanted, and few of them serve all speeds.
+/// Distances between layers and the unit of their stations, in grid steps. Neighbouring distances differ by a third or a
+/// half: one is always near the target, and few of them serve all speeds.
 const SPACINGS: [(i64, i64); 8] = [(1, 1), (2, 1), (3, 1), (4, 1), (6, 2), (8, 2), (12, 3), (16, 4)];
 
-/// The spacing that is nearest in ratio to a wanted length, m.
-fn spacing(wanted: f64, settings: &Settings) -> (i64, i64) {
-    let off = |steps: i64| (steps as f64 * settings.grid / wanted).ln().abs();
+/// The spacing with the smallest ratio to a target length, m.
+fn spacing(target: f64, settings: &Settings) -> (i64, i64) {
+    let off = |steps: i64| (steps as f64 * settings.grid / target).ln().abs();
     SPACINGS.into_iter().min_by(|(a, _), (b, _)| off(*a).total_cmp(&off(*b))).unwrap_or((1, 1))
 }
 
@@ -54,9 +54,9 @@ fn ceil(steps: f64) -> i64 {
     (steps - ON_GRID).ceil() as i64
 }
 
-/// Appends `to` and, before it, what the turning of the line asks for between `from` and `to`.
+/// Appends the layers between `from` (excluded) and `to` (included), closer where the line turns.
 fn split(reference: &ReferenceLine, from: i64, to: i64, settings: &Settings, layers: &mut Vec<i64>) {
-    if to - from > 1 && turning(reference, from, to, settings.grid) > settings.most_turn {
+    if to - from > 1 && turning(reference, from, to, settings.grid) > settings.max_turn {
         let middle = i64::midpoint(from, to);
         split(reference, from, middle, settings, layers);
         split(reference, middle, to, settings, layers);
@@ -65,9 +65,9 @@ fn split(reference: &ReferenceLine, from: i64, to: i64, settings: &Settings, lay
     }
 }
 
-/// How far the line turns between two stations, left and right both counted, rad.
+/// Total variation of the heading of the line between two stations, rad.
 fn turning(reference: &ReferenceLine, from: i64, to: i64, grid: f64) -> f64 {
-    /// Samples a grid step.
+    /// Samples per grid step.
     const FINENESS: i64 = 2;
     let yaw = |i: i64| reference.at(i as f64 / FINENESS as f64 * grid).pose.yaw;
     (from * FINENESS..to * FINENESS).map(|i| wrap_angle(yaw(i + 1) - yaw(i)).abs()).sum()
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn at_one_speed_a_stretch_of_road_has_at_most_four_sets_of_layers() {
+    fn one_speed_has_at_most_four_sets_of_layers() {
         let (line, settings) = (straight_road(300.0), Settings::default());
         for speed in [0.0, 3.0, 8.0, 13.9, 20.0, 25.0, 40.0] {
             let cycles = (0..200).map(|i| ahead(&line, 10.0 + 0.7 * f64::from(i), speed, 100.0, &settings));
@@ -95,29 +95,29 @@ mod tests {
                 starts_in_stride.insert(from % (to - from));
             }
             assert!(starts_in_stride.len() <= 4, "{speed} m/s: {starts_in_stride:?}");
-            // a pair of layers once left out never comes back in between
+            // the pairs exist at every speed
             assert!(!pairs.is_empty());
         }
     }
 
     #[test]
-    fn a_little_more_speed_seldom_changes_the_distance_between_layers() {
+    fn few_distances_between_layers_serve_all_speeds() {
         let settings = Settings::default();
         let distances = (0..400).map(|i| spacing((0.16 * f64::from(i)).clamp(8.0, 40.0), &settings).0);
         let distinct: BTreeSet<i64> = distances.clone().collect();
-        assert_eq!(distinct.len(), 5, "from rest to 40 m/s: {distinct:?}");
+        assert_eq!(distinct.len(), 5, "from standstill to 40 m/s: {distinct:?}");
         assert!(distances.clone().zip(distances.skip(1)).all(|(a, b)| b >= a));
     }
 
     #[test]
-    fn first_edges_are_as_long_as_wanted_and_less_than_ten_metres_longer() {
+    fn first_edges_exceed_the_target_length_by_less_than_ten_metres() {
         let (line, settings) = (straight_road(400.0), Settings::default());
         for i in 0..400 {
             let (here, speed) = (0.31 * f64::from(i), 0.1 * f64::from(i % 300));
             let layers = metres(&ahead(&line, here, speed, 100.0, &settings), &settings);
-            let wanted = (speed * settings.edge_time).clamp(settings.shortest_edge, settings.longest_edge);
+            let target = (speed * settings.edge_time).clamp(settings.min_edge_length, settings.max_edge_length);
             assert!(
-                (wanted - 1e-4..wanted + 10.0).contains(&(layers[0] - here)),
+                (target - 1e-4..target + 10.0).contains(&(layers[0] - here)),
                 "{} at {speed} m/s",
                 layers[0] - here
             );
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_station_on_the_grid_but_for_rounding_is_on_it() {
+    fn rounding_does_not_move_a_station_off_the_grid() {
         let (line, settings) = (straight_road(300.0), Settings::default());
         // 8 m beyond 12 m is the grid station of 20 m
         for off in [-1e-7, 0.0, 1e-7] {
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_lie_closer_where_the_line_turns_and_only_there() {
+    fn layers_are_closer_only_where_the_line_turns() {
         let settings = Settings::default();
         // straight 40 m, a quarter circle of 10 m radius, straight
         let line = bent_road(40.0, 10.0);
@@ -145,14 +145,14 @@ mod tests {
         let in_bend = |s: &f64| (40.0..50.0).contains(s);
         assert!(gaps.iter().any(|(s, gap)| in_bend(s) && *gap == 5.0), "{gaps:?}");
         assert!(gaps.iter().filter(|(s, _)| *s < 25.0 || *s > 65.0).all(|(_, gap)| *gap == 10.0), "{gaps:?}");
-        // in front of the bend the first layer is nearer than on a straight road, never nearer than the shortest edge
+        // before the curve the first layer is nearer than on a straight road, but not nearer than the shortest edge
         let nearest = |here: f64| ahead(&line, here, 12.0, 100.0, &settings)[0] as f64 * settings.grid - here;
-        assert!(nearest(38.0) < 12.0 * settings.edge_time && nearest(38.0) >= settings.shortest_edge);
+        assert!(nearest(38.0) < 12.0 * settings.edge_time && nearest(38.0) >= settings.min_edge_length);
         assert!(nearest(2.0) >= 12.0 * settings.edge_time);
     }
 
     #[test]
-    fn at_the_end_of_the_road_the_last_grid_station_is_a_layer() {
+    fn the_last_grid_station_of_the_road_is_a_layer() {
         let settings = Settings::default();
         let line = straight_road(103.0);
         for here in [93.0, 96.0, 98.5] {

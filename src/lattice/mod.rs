@@ -1,21 +1,25 @@
 //! The conformal lattice: spiral edges between nodes at stations × lateral offsets of a reference line.
 //!
-//! Nodes lie in layers at fixed stations of the reference line, so that consecutive cycles share their nodes, edges and
-//! collision checks; heading and curvature of a node are those of the reference line at its offset, κ_l = κ/(1 − κ l)
-//! (McNaughton et al. 2011). Only the first edges, from where the vehicle is, are new in every cycle. The cheapest chains
-//! come out of dynamic programming over the layers, which checks for collision only the edges it is about to use; where
-//! the way is blocked, chains end in front of what blocks them.
+//! # Technique
 //!
-//! Where the curvature bound bites on the way from the vehicle, an edge may end beside its node: a convex program slides
-//! its end as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
+//! Nodes are in layers at fixed stations of the reference line, so that consecutive cycles share nodes, edges and collision
+//! checks. Heading and curvature of a node are those of the reference line at its offset, κ_l = κ/(1 − κ l) (McNaughton et
+//! al. 2011). Only the edges from the vehicle to the first layers are new in every cycle. Dynamic programming over the layers
+//! yields the cheapest chains of edges and checks only the edges that it uses for collisions. Where an edge is blocked, its
+//! chain ends in front of the blocker.
 //!
-//! Edges are the same at all speeds; what the present speed makes of them is a cost term, `slowing`: the way lost by driving
-//! a bend at what its curvature allows. So ways that the vehicle can drive as it comes are the cheaper ones, and sharper
-//! ones are still found where nothing else gets through.
+//! If the curvature bound is active on an edge from the vehicle, the edge may end beside its node: a convex program slides
+//! its end sideways as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
 //!
-//! Weak spots: one curvature per node and, unless [`Settings::headings`] has more, one heading; edges that the vehicle
-//! could only just drive may be missed. Layers lie far apart: a change of lanes between two lengths on offer aims one step of
-//! the offsets beyond its lane and comes back. A change of speed that changes the distance between layers makes all edges new.
+//! Edges do not depend on the speed. The present speed enters as the cost term [`CostTerms::curve_slowdown`]: the distance
+//! lost by driving a curve at the speed that its curvature permits. So paths that the vehicle can drive at its present speed
+//! are cheaper, and tighter ones are still available where no other path is free.
+//!
+//! # Weaknesses
+//!
+//! A node has one curvature and, by default, one heading ([`Settings::headings`]), so that edges near the limits of the
+//! vehicle may be missed. Layers are far apart: a lane change whose length falls between two layers overshoots its lane by
+//! one step of the offsets. A change of speed that changes the distance between layers invalidates all edges.
 
 mod cost;
 mod counts;
@@ -39,33 +43,33 @@ use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::reference::ReferenceLine;
 use crate::trajectory::Path;
 
-/// Shape of the lattice.
+/// Settings of the lattice; the section `[planner.lattice]` of a settings file.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Stations of nodes are multiples of this, m.
+    /// Unit of the stations of layers, m.
     pub grid: f64,
-    /// Shortest first edge, m.
-    pub shortest_edge: f64,
-    /// Time that an edge should last at the present speed, s.
+    /// Smallest distance from the vehicle to the first layer, m.
+    pub min_edge_length: f64,
+    /// Driving time per edge at the present speed, s; it determines the distance between layers.
     pub edge_time: f64,
-    /// Longest edge, m.
-    pub longest_edge: f64,
-    /// Layers lie closer where the reference line turns by more than this between two of them, rad.
-    pub most_turn: f64,
-    /// Largest number of layers.
+    /// Largest distance between layers, m.
+    pub max_edge_length: f64,
+    /// Largest turning of the reference line between two layers, rad; more turning reduces their distance.
+    pub max_turn: f64,
+    /// Maximum number of layers.
     pub layers: usize,
-    /// Number of layers that edges from the root reach directly.
+    /// Number of layers with edges directly from the vehicle.
     pub root_layers: usize,
-    /// Spacing of lateral offsets, m.
+    /// Spacing of the lateral offsets, m.
     pub offset_spacing: f64,
-    /// Largest lateral offset on either side, m.
+    /// Largest lateral offset to either side, m.
     pub offset_limit: f64,
-    /// Headings of the nodes relative to the reference line's, rad.
+    /// Headings of the nodes relative to the reference line, rad.
     pub headings: Vec<f64>,
-    /// Steepest edge: lateral by longitudinal distance.
-    pub steepest: f64,
-    /// Number of candidate paths handed to the speed layer.
+    /// Largest slope of an edge: lateral over longitudinal distance.
+    pub max_slope: f64,
+    /// Maximum number of candidate paths for the speed search.
     pub candidates: usize,
     /// Weights of the cost terms.
     pub weights: Weights,
@@ -75,80 +79,80 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             grid: 5.0,
-            shortest_edge: 8.0,
+            min_edge_length: 8.0,
             edge_time: 1.6,
-            longest_edge: 40.0,
-            most_turn: 0.6,
+            max_edge_length: 40.0,
+            max_turn: 0.6,
             layers: 12,
             root_layers: 3,
             offset_spacing: 0.5,
             offset_limit: 4.0,
             headings: vec![0.0],
-            steepest: 0.35,
+            max_slope: 0.35,
             candidates: 12,
             weights: Weights::default(),
         }
     }
 }
 
-/// Where chains start: the vehicle, or the end of the part of the committed path that is kept.
+/// Start of the chains: the vehicle, or the end of the kept prefix of the committed path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Root {
-    /// Rear-axle pose at the start.
+    /// Pose of the rear axle at the root.
     pub pose: Pose,
-    /// Curvature there, 1/m.
+    /// Curvature at the root, 1/m.
     pub curvature: f64,
-    /// Part of the committed path that is driven before, starting at the vehicle. Empty if the chain starts there.
+    /// Kept prefix of the committed path, from the vehicle to the root. Empty if the root is at the vehicle.
     pub kept: Vec<CubicSpiral>,
-    /// Pose at which the whole chain starts.
+    /// Pose of the vehicle, where the kept prefix starts.
     pub start: Pose,
-    /// What the collision check overlooks near the start.
+    /// Relaxation of the collision checks near the start.
     pub allowance: Allowance,
 }
 
 /// A path through the lattice with its swept footprint.
 #[derive(Debug, Clone)]
 pub struct LatticePath {
-    /// The path, from the vehicle on.
+    /// The path, starting at the vehicle.
     pub path: Path,
-    /// How many spirals at its start belong to the committed path.
+    /// Number of spirals at its start that belong to the kept prefix.
     pub kept: usize,
     /// Swept footprints of its edges, in order.
     pub sweeps: Vec<Arc<Sweep>>,
-    /// How far the rear axle may come on it, m.
+    /// Largest collision-free station of the rear axle, m.
     pub free_length: f64,
-    /// What ends it, if it ends before its length.
+    /// The blocker, if the path is blocked.
     pub blocked_by: Option<Blocker>,
     /// Cost by term.
     pub terms: CostTerms,
-    /// Lateral offset that it ends at, m.
+    /// Lateral offset of its end, m.
     pub end_offset: f64,
     /// Offset of its first node, m.
     pub first_offset: f64,
 }
 
-/// What the lattice is built on.
+/// The data that a lattice is built on.
 #[derive(Clone, Copy)]
 pub struct LatticeContext<'a> {
     /// The reference line.
     pub reference: &'a ReferenceLine,
-    /// What is in the way.
+    /// The static collision world.
     pub world: &'a CollisionWorld,
-    /// Largest curvature that edges may have anywhere, 1/m.
+    /// Bound of |curvature| of edges, 1/m.
     pub max_curvature: f64,
-    /// Largest curvature that can be driven at the present speed, 1/m: the lateral acceleration that plans may use, by the
-    /// square of the speed; infinite at rest. What bends more costs [`CostTerms::slowing`].
+    /// Largest curvature that the vehicle can drive at its present speed, 1/m: the planned lateral acceleration over the
+    /// square of the speed; infinite at standstill. Tighter curves cost [`CostTerms::curve_slowdown`].
     pub full_speed_curvature: f64,
     /// Half of the vehicle's width, m.
     pub half_width: f64,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Clone, Default)]
-pub struct Found {
-    /// Cheapest first; none is an outcome, whose reasons `counts` tells.
+pub struct SearchResult {
+    /// The paths, cheapest first. Empty if there is none; then `counts` contains the reasons.
     pub paths: Vec<LatticePath>,
-    /// What became of the edges.
+    /// Counts of the edges by outcome.
     pub counts: EdgeCounts,
 }
 
@@ -165,8 +169,8 @@ pub fn paths(
     search(context, root, speed, horizon, settings, store).paths
 }
 
-/// Chains of edges from `root` over layers up to `horizon` metres ahead, cheapest first, [`Settings::candidates`] at most,
-/// with what became of the edges looked at.
+/// Searches for the cheapest chains of edges from `root` through the layers up to `horizon` metres ahead, at most
+/// [`Settings::candidates`]. `speed` (m/s) determines the distance between layers.
 #[must_use]
 pub fn search(
     context: &LatticeContext<'_>,
@@ -175,29 +179,29 @@ pub fn search(
     horizon: f64,
     settings: &Settings,
     store: &mut EdgeStore,
-) -> Found {
-    let question =
-        store::Question { root: root.clone(), speed, full_speed_curvature: context.full_speed_curvature, horizon };
-    if let Some(answer) = store.answers.get(&question) {
-        return answer;
+) -> SearchResult {
+    let query =
+        store::SearchQuery { root: root.clone(), speed, full_speed_curvature: context.full_speed_curvature, horizon };
+    if let Some(result) = store.recent.get(&query) {
+        return result;
     }
-    store.forget_before(context.reference.project(root.start.position).s - FORGOTTEN_BEHIND, settings);
+    store.drop_before(context.reference.project(root.start.position).s - KEPT_BEHIND, settings);
     let here = context.reference.project(root.pose.position).s;
     let stations = layers::ahead(context.reference, here, speed, horizon, settings);
-    let answer = search::Search::new(context, root, &stations, horizon, settings, store).run();
-    store.answers.keep(question, &answer);
-    answer
+    let result = search::Search::new(context, root, &stations, horizon, settings, store).run();
+    store.recent.keep(query, &result);
+    result
 }
 
-/// Kept edges that end this far behind the vehicle are dropped, m: it does not drive backwards, but may replan there.
-const FORGOTTEN_BEHIND: f64 = 20.0;
+/// Cached edges that end farther behind the vehicle than this are dropped, m.
+const KEPT_BEHIND: f64 = 20.0;
 
-/// Where in a layer an edge may end.
+/// A node of a layer: an end of edges.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Node {
     /// Lateral offset, m.
     offset: f64,
-    /// Heading relative to the reference line's, rad.
+    /// Heading relative to the reference line, rad.
     heading: f64,
 }
 
@@ -210,7 +214,7 @@ impl Node {
     }
 }
 
-/// The nodes of every layer, right to left.
+/// The nodes of a layer, from right to left; the same for every layer.
 fn nodes(settings: &Settings) -> Vec<Node> {
     #[allow(clippy::cast_possible_truncation)] // a few dozen
     let count = (settings.offset_limit / settings.offset_spacing).floor() as i64;

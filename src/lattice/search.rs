@@ -1,14 +1,18 @@
-//! The cheapest chains of edges through the layers, with as few collision checks as it takes.
+//! The cheapest chains of edges through the layers, with few collision checks.
 //!
-//! What an edge costs at least (bending, offset, lane, slowing) is known as soon as its spiral is; the collision check, which adds
-//! the closeness to obstacles and may cut the edge short, costs ten times as much. So the search is lazy (Dellin and
-//! Srinivasa 2016, A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations: LazySP): dynamic
-//! programming over the layers with the costs known so far; the edges of the chains that would be handed out are checked,
-//! and those that would be handed out if they were blocked; and again, until all these were checked before. As costs only
-//! rise by a check, what is handed out then is what would be if every edge had been checked (tested).
+//! A lower bound of the cost of an edge (curvature, offset, lane deviation, curve slowdown) is known as soon as its spiral
+//! is. The collision check adds the clearance cost and may shorten the edge; it takes ten times as long. So the search is
+//! lazy (Dellin and Srinivasa 2016, A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations: LazySP):
 //!
-//! Each search reveals the checks to itself in the same order, whatever the store has from before, so that answers do not
-//! depend on what was asked earlier.
+//! 1. Dynamic programming over the layers with the present lower bounds.
+//! 2. Check the edges of the chains that would be returned, also of those that would be returned if their last edge turns
+//!    out to be blocked.
+//! 3. Repeat until all of these are checked.
+//!
+//! A check only raises costs, so that the result is that of checking every edge first (tested).
+//!
+//! A search uses the checks in its own order even if the store has more of them from before, so that results do not depend
+//! on earlier searches.
 
 use std::sync::Arc;
 
@@ -18,66 +22,66 @@ use super::cost::{CostTerms, rank};
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::{Edge, KeptPrefix};
 use super::store::{EdgeStore, NodeEdges};
-use super::{Found, LatticeContext, LatticePath, Node, Root, Settings};
+use super::{LatticeContext, LatticePath, Node, Root, SearchResult, Settings};
 use crate::trajectory::Path;
 
-/// How many candidates may share their first node, so that the speed layer sees different ways to start.
-const MOST_PER_FIRST_NODE: usize = 3;
+/// Maximum number of candidates with the same first node, so that the speed search has different starts.
+const MAX_PER_FIRST_NODE: usize = 3;
 
-/// An edge on its way into a layer.
+/// An edge into a layer.
 struct Incoming {
     edge: Arc<Edge>,
-    /// Index of the node it starts at; `None` from the root.
+    /// Index of its start node; `None` for the root.
     from: Option<usize>,
-    /// What it costs at the present speed beyond what it always costs.
+    /// The cost term that depends on the present speed.
     curve_slowdown: f64,
-    /// Whether this search has asked for its collision check.
-    is_revealed: bool,
+    /// Whether this search uses its collision check.
+    is_evaluated: bool,
 }
 
 impl Incoming {
     fn new(edge: Arc<Edge>, from: Option<usize>, context: &LatticeContext<'_>, settings: &Settings) -> Self {
         let curve_slowdown = edge.curve_slowdown(context, &settings.weights);
-        Self { edge, from, curve_slowdown, is_revealed: false }
+        Self { edge, from, curve_slowdown, is_evaluated: false }
     }
 
-    /// Its cost as far as this search knows it, how far it may be driven, m, and whether another edge can follow.
+    /// Its cost and free length (m) as far as this search has evaluated it, and whether another edge can follow.
     fn known(&self) -> (f64, f64, bool) {
-        let goes_on = !self.edge.ends_chain;
-        match self.edge.checked().filter(|_| self.is_revealed) {
+        let can_continue = !self.edge.ends_chain;
+        match self.edge.checked().filter(|_| self.is_evaluated) {
             Some(checked) => {
-                let goes_on = goes_on && checked.blocked_by.is_none();
-                (checked.terms.total() + self.curve_slowdown, checked.free_length, goes_on)
+                let can_continue = can_continue && checked.blocked_by.is_none();
+                (checked.terms.total() + self.curve_slowdown, checked.free_length, can_continue)
             }
-            None => (self.edge.least.total() + self.curve_slowdown, self.edge.spiral.length, goes_on),
+            None => (self.edge.lower_bound.total() + self.curve_slowdown, self.edge.spiral.length, can_continue),
         }
     }
 }
 
-/// The cheapest chain to the end of an edge, as far as costs are known.
+/// The cheapest chain to the end of an edge, by the present costs.
 #[derive(Clone, Copy)]
 struct Label {
-    /// Layer that the edge leads to, and its index there.
+    /// Layer of the end of the edge, and the index of the edge there.
     edge: (usize, usize),
-    /// Label of the chain before it.
+    /// Label of the preceding chain.
     before: Option<usize>,
-    /// Node that the first edge of the chain leads to.
+    /// End node of the first edge of the chain.
     first: usize,
     cost: f64,
     /// Length from the root to the end of the free part of the edge, m.
     free_length: f64,
 }
 
-/// Where a candidate may end, in order of cost.
+/// A possible end of a candidate, in order of cost.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct End {
     rank: i64,
     label: usize,
-    /// Whether it is an end whatever the check of its edge says; if not, only when that finds it blocked.
+    /// Whether it is an end independent of the check of its edge; if not, it is an end only if the edge is blocked.
     is_final: bool,
 }
 
-/// A search under way.
+/// State of a search.
 pub(super) struct Search<'a> {
     context: &'a LatticeContext<'a>,
     root: &'a Root,
@@ -91,7 +95,7 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Lays all edges between the layers and from the root, unchecked. `stations`: see [`super::layers::ahead`].
+    /// Creates all edges between the layers and from the root, unchecked. `stations`: see [`super::layers::ahead`].
     pub(super) fn new(
         context: &'a LatticeContext<'a>,
         root: &'a Root,
@@ -108,19 +112,19 @@ impl<'a> Search<'a> {
             if i > 0 {
                 search.extend_from_layer((stations[i - 1], *station), store, &mut incoming);
             }
-            // long edges straight from the root: a gentle change of lanes takes more than one stride
+            // long edges directly from the root: a gentle lane change takes more than one layer distance
             if i < settings.root_layers.max(1) {
-                let found = search.root_edges(*station, store);
-                search.counts.solved += found.edges.len();
-                search.counts.add(&found.refused);
-                incoming.extend(found.edges.into_iter().map(|edge| Incoming::new(edge, None, context, settings)));
+                let from_root = search.root_edges(*station, store);
+                search.counts.solved += from_root.edges.len();
+                search.counts.add(&from_root.rejected);
+                incoming.extend(from_root.edges.into_iter().map(|edge| Incoming::new(edge, None, context, settings)));
             }
             search.layers.push(incoming);
         }
         search
     }
 
-    /// Edges from the nodes of the last layer that some edge leads to.
+    /// Adds the edges from all reached nodes of the last layer.
     fn extend_from_layer(&mut self, pair: (i64, i64), store: &mut EdgeStore, incoming: &mut Vec<Incoming>) {
         let mut is_reached = vec![false; self.nodes.len()];
         for step in self.layers.last().into_iter().flatten().filter(|step| !step.edge.ends_chain) {
@@ -131,7 +135,7 @@ impl<'a> Search<'a> {
         self.counts.solved += solved;
         for from in starts {
             let Some(node) = &edges[from] else { continue };
-            self.counts.add(&node.refused);
+            self.counts.add(&node.rejected);
             incoming.extend(
                 node.edges.iter().map(|edge| Incoming::new(Arc::clone(edge), Some(from), self.context, self.settings)),
             );
@@ -139,7 +143,7 @@ impl<'a> Search<'a> {
     }
 
     fn root_edges(&self, station: i64, store: &mut EdgeStore) -> NodeEdges {
-        // who starts off the road, or inside a margin, may pass over nodes that are off it
+        // a vehicle that starts off the road or inside a margin may use nodes off the road
         let all = vec![true; self.nodes.len()];
         let is_on_road = self.root.allowance == crate::collision::Allowance::NONE;
         let ends = if is_on_road { store.on_road(self.context, station, &self.nodes, self.settings) } else { &all };
@@ -156,58 +160,58 @@ impl<'a> Search<'a> {
                 }
             })
             .collect();
-        let mut found = NodeEdges::default();
-        tried.into_iter().for_each(|edge| found.take(edge));
-        found
+        let mut edges = NodeEdges::default();
+        tried.into_iter().for_each(|edge| edges.add(edge));
+        edges
     }
 
-    /// The cheapest chains, their edges checked.
-    pub(super) fn run(mut self) -> Found {
+    /// Runs the search: the cheapest chains, with all of their edges checked.
+    pub(super) fn run(mut self) -> SearchResult {
         loop {
             let (labels, ends) = self.cheapest();
             let (chosen, provisional) = self.chosen(&labels, ends);
-            let mut asked: Vec<(usize, usize)> = chosen
+            let mut pending: Vec<(usize, usize)> = chosen
                 .iter()
                 .chain(&provisional)
                 .flat_map(|end| chain(&labels, *end))
-                .filter(|(layer, index)| !self.layers[*layer][*index].is_revealed)
+                .filter(|(layer, index)| !self.layers[*layer][*index].is_evaluated)
                 .collect();
-            asked.sort_unstable();
-            asked.dedup();
-            if asked.is_empty() {
+            pending.sort_unstable();
+            pending.dedup();
+            if pending.is_empty() {
                 let paths = chosen.iter().filter_map(|end| self.path(&labels, *end)).collect();
-                return Found { paths, counts: self.counted() };
+                return SearchResult { paths, counts: self.counted() };
             }
-            self.evaluate(&asked);
+            self.evaluate(&pending);
         }
     }
 
-    /// [`Self::run`] with every edge checked first: the slow way, to hold it against.
+    /// [`Self::run`] with every edge checked first: the slow reference for the tests.
     #[cfg(test)]
-    pub(super) fn run_eagerly(mut self) -> Found {
+    pub(super) fn run_eagerly(mut self) -> SearchResult {
         let lengths = self.layers.iter().map(Vec::len).enumerate();
         let all: Vec<_> = lengths.flat_map(|(layer, n)| (0..n).map(move |index| (layer, index))).collect();
         self.evaluate(&all);
         self.run()
     }
 
-    /// Checks edges for collision, those that were not checked before.
-    fn evaluate(&mut self, asked: &[(usize, usize)]) {
+    /// Checks edges for collision, unless a cached check exists, and marks them as evaluated.
+    fn evaluate(&mut self, pending: &[(usize, usize)]) {
         let (context, settings) = (self.context, self.settings);
-        let steps: Vec<&Incoming> = asked.iter().map(|(layer, index)| &self.layers[*layer][*index]).collect();
+        let steps: Vec<&Incoming> = pending.iter().map(|(layer, index)| &self.layers[*layer][*index]).collect();
         let new: Vec<&&Incoming> = steps.iter().filter(|step| step.edge.checked().is_none()).collect();
         self.counts.swept += new.len();
         new.par_iter().for_each(|step| {
-            let before = if step.from.is_none() { &self.before } else { &KeptPrefix::NOTHING };
+            let before = if step.from.is_none() { &self.before } else { &KeptPrefix::EMPTY };
             step.edge.check(context, before, settings);
         });
-        for (layer, index) in asked {
-            self.layers[*layer][*index].is_revealed = true;
+        for (layer, index) in pending {
+            self.layers[*layer][*index].is_evaluated = true;
         }
     }
 
-    /// Dynamic programming: a label for every edge that a chain leads to, and where a candidate may end: at the last layer,
-    /// in front of something, and on any edge that was not checked yet.
+    /// Dynamic programming: a label for every reached edge, and the possible ends of candidates: at the last layer, in front
+    /// of a blocker, and on every edge that is not evaluated yet.
     fn cheapest(&self) -> (Vec<Label>, Vec<End>) {
         let mut labels: Vec<Label> = Vec::with_capacity(self.layers.iter().map(Vec::len).sum());
         let mut ends: Vec<(usize, bool)> = Vec::new();
@@ -222,18 +226,18 @@ impl<'a> Search<'a> {
                         None => continue,
                     },
                 };
-                let (cost, way, goes_on) = step.known();
-                let (cost_before, way_before, first) = match before {
+                let (cost, length, can_continue) = step.known();
+                let (cost_before, length_before, first) = match before {
                     None => (0.0, 0.0, step.edge.to),
                     Some(label) => (labels[label].cost, labels[label].free_length, labels[label].first),
                 };
-                let (cost, free_length) = (cost_before + cost, way_before + way);
+                let (cost, free_length) = (cost_before + cost, length_before + length);
                 let label = Label { edge: (layer, index), before, first, cost, free_length };
                 let best = &mut best[step.edge.to];
-                if !goes_on {
+                if !can_continue {
                     ends.push((labels.len(), true));
                 } else {
-                    if !step.is_revealed {
+                    if !step.is_evaluated {
                         ends.push((labels.len(), false));
                     }
                     if best.is_none_or(|b: usize| rank(label.cost) < rank(labels[b].cost)) {
@@ -245,18 +249,18 @@ impl<'a> Search<'a> {
             reached = best;
         }
         ends.extend(reached.into_iter().flatten().map(|label| (label, true)));
-        let rank = |label: usize| rank(labels[label].cost + self.missing(&labels[label]));
+        let rank = |label: usize| rank(labels[label].cost + self.shortfall(&labels[label]));
         let ends = ends.into_iter().map(|(label, is_final)| End { rank: rank(label), label, is_final }).collect();
         (labels, ends)
     }
 
-    /// What a chain pays for what it misses of the horizon.
-    fn missing(&self, label: &Label) -> f64 {
+    /// Progress shortfall cost of a chain.
+    fn shortfall(&self, label: &Label) -> f64 {
         self.settings.weights.progress_shortfall * (self.horizon - self.before.length - label.free_length).max(0.0)
     }
 
-    /// The cheapest chain to each end node and through each first node, cheapest first; and those that would come among
-    /// them if their last edge, which is not checked yet, should turn out to be blocked.
+    /// The cheapest chains to each end node through each first node, cheapest first; and the chains that would be among them
+    /// if their last edge, which is not evaluated yet, turned out to be blocked.
     fn chosen(&self, labels: &[Label], mut ends: Vec<End>) -> (Vec<usize>, Vec<usize>) {
         ends.sort_unstable();
         let key = |end: usize| {
@@ -265,9 +269,9 @@ impl<'a> Search<'a> {
         };
         let (mut chosen, mut provisional): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
         for End { label: end, is_final, .. } in ends {
-            let is_seen = chosen.iter().any(|c| key(*c) == key(end));
+            let is_duplicate = chosen.iter().any(|c| key(*c) == key(end));
             let similar = chosen.iter().filter(|c| key(**c).0 == key(end).0).count();
-            if is_seen || similar >= MOST_PER_FIRST_NODE {
+            if is_duplicate || similar >= MAX_PER_FIRST_NODE {
                 continue;
             }
             if is_final {
@@ -302,7 +306,7 @@ impl<'a> Search<'a> {
             free_length: self.before.length + labels[end].free_length,
             blocked_by: last.blocked_by,
             terms: CostTerms {
-                progress_shortfall: self.missing(&labels[end]),
+                progress_shortfall: self.shortfall(&labels[end]),
                 curve_slowdown: steps.iter().map(|step| step.curve_slowdown).sum(),
                 ..terms
             },
@@ -314,7 +318,7 @@ impl<'a> Search<'a> {
     fn counted(self) -> EdgeCounts {
         let mut counts = self.counts;
         for step in self.layers.iter().flatten() {
-            match step.edge.checked().filter(|_| step.is_revealed) {
+            match step.edge.checked().filter(|_| step.is_evaluated) {
                 Some(checked) => counts.count_checked(checked.blocked_by),
                 None => counts.count_unchecked(),
             }
@@ -323,7 +327,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The edges of the chain that ends with a label, first to last.
+/// The edges of the chain that ends with a label, from first to last.
 fn chain(labels: &[Label], end: usize) -> impl Iterator<Item = (usize, usize)> {
     let mut edges: Vec<(usize, usize)> =
         std::iter::successors(Some(end), |label| labels[*label].before).map(|label| labels[label].edge).collect();

@@ -1,4 +1,4 @@
-//! What stays the same from cycle to cycle: edges between nodes, and the last answers.
+//! The cache between cycles: edges between nodes, and the last search results.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -7,51 +7,51 @@ use rayon::prelude::*;
 
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::Edge;
-use super::{Found, LatticeContext, Node, Root, Settings};
+use super::{LatticeContext, Node, Root, SearchResult, Settings};
 use crate::collision::{Allowance, Blocker};
 use crate::geometry::spiral::CubicSpiral;
 
-/// Station index from, station index to.
+/// Station indices of two consecutive layers.
 type LayerPair = (i64, i64);
 
-/// The edges that start at a node, in order of the node they end at, and the reasons of those that there are not.
+/// The edges that start at a node, in order of their end nodes, and counts of the rejected ones.
 #[derive(Debug, Clone, Default)]
 pub(super) struct NodeEdges {
     pub(super) edges: Vec<Arc<Edge>>,
-    pub(super) refused: EdgeCounts,
+    pub(super) rejected: EdgeCounts,
 }
 
 impl NodeEdges {
-    pub(super) fn take(&mut self, tried: Result<Edge, NoEdge>) {
+    pub(super) fn add(&mut self, tried: Result<Edge, NoEdge>) {
         match tried {
             Ok(edge) => self.edges.push(Arc::new(edge)),
-            Err(reason) => self.refused.count_refused(reason),
+            Err(reason) => self.rejected.count_rejected(reason),
         }
     }
 }
 
-/// Keeps what stays the same: the edges between lattice nodes from cycle to cycle, which depend on the reference line and
-/// the static world only, and the last answers of [`super::search`], which several attempts of one cycle ask for again. A
+/// Cache of lattice edges. Edges between nodes depend only on the reference line and the static world and are valid for
+/// many cycles. The last results of [`super::search`] are cached as well, since several attempts of a cycle repeat them. A
 /// store belongs to one reference line, one collision world and one set of settings.
 #[derive(Debug, Clone, Default)]
 pub struct EdgeStore {
-    /// By the node they start at; `None` where nobody asked yet.
+    /// Edges by start node; `None` if not computed yet.
     layers: HashMap<LayerPair, Vec<Option<NodeEdges>>>,
-    /// For each station index, which nodes are worth going to.
+    /// For each station index, whether each node is on the road.
     on_road: HashMap<i64, Vec<bool>>,
-    pub(super) answers: Answers,
+    pub(super) recent: RecentResults,
 }
 
 impl EdgeStore {
-    /// Drops what lies behind a station, m.
-    pub(super) fn forget_before(&mut self, station: f64, settings: &Settings) {
+    /// Drops everything behind a station, m.
+    pub(super) fn drop_before(&mut self, station: f64, settings: &Settings) {
         let ahead = |index: i64| index as f64 * settings.grid >= station;
         self.layers.retain(|(_, to), _| ahead(*to));
         self.on_road.retain(|index, _| ahead(*index));
     }
 
-    /// Which nodes of a layer edges may lead to: those at which the vehicle, margins included, is on the road. All, if
-    /// none is.
+    /// For each node of a layer, whether edges may lead to it: the vehicle with its margins must be on the road there. All
+    /// nodes, if this holds for none.
     pub(super) fn on_road(
         &mut self,
         context: &LatticeContext<'_>,
@@ -72,8 +72,8 @@ impl EdgeStore {
         })
     }
 
-    /// Edges between two layers by the node they start at, there for (at least) the `starts` given, and how many spirals
-    /// had to be solved for them.
+    /// Edges between two layers by start node, computed for at least the given `starts`, and the number of spirals that were
+    /// solved for it.
     pub(super) fn between(
         &mut self,
         context: &LatticeContext<'_>,
@@ -89,7 +89,7 @@ impl EdgeStore {
             .iter()
             .filter(|i| layer[**i].is_none())
             .flat_map(|&i| (0..nodes.len()).map(move |j| (i, j)))
-            .filter(|&(i, j)| (nodes[i].offset - nodes[j].offset).abs() <= settings.steepest * (s1 - s0))
+            .filter(|&(i, j)| (nodes[i].offset - nodes[j].offset).abs() <= settings.max_slope * (s1 - s0))
             .collect();
         let tried: Vec<Result<Edge, NoEdge>> = pairs
             .par_iter()
@@ -106,43 +106,43 @@ impl EdgeStore {
         }
         let solved = tried.iter().filter(|edge| edge.is_ok()).count();
         for ((i, _), edge) in pairs.into_iter().zip(tried) {
-            layer[i].get_or_insert_default().take(edge);
+            layer[i].get_or_insert_default().add(edge);
         }
         (layer, solved)
     }
 }
 
-/// Length of the sweep that stands for a node, m.
+/// Length of the sweep at a node, m.
 const NODE_LENGTH: f64 = 0.05;
 
-/// What [`super::search`] was asked.
+/// Arguments of [`super::search`].
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Question {
+pub(super) struct SearchQuery {
     pub(super) root: Root,
     pub(super) speed: f64,
     pub(super) full_speed_curvature: f64,
     pub(super) horizon: f64,
 }
 
-/// The last questions with their answers, oldest first.
+/// The last queries with their results, oldest first.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Answers(Vec<(Question, Found)>);
+pub(super) struct RecentResults(Vec<(SearchQuery, SearchResult)>);
 
-impl Answers {
-    /// Questions kept: a cycle asks from two roots.
-    const KEPT: usize = 2;
+impl RecentResults {
+    /// Capacity: a cycle searches from two roots.
+    const CAPACITY: usize = 2;
 
-    pub(super) fn get(&self, question: &Question) -> Option<Found> {
-        self.0.iter().find(|(asked, _)| asked == question).map(|(_, answer)| answer.clone())
+    pub(super) fn get(&self, query: &SearchQuery) -> Option<SearchResult> {
+        self.0.iter().find(|(cached, _)| cached == query).map(|(_, result)| result.clone())
     }
 
-    /// Keeps an answer; given again, it says that nothing was made for it.
-    pub(super) fn keep(&mut self, question: Question, answer: &Found) {
-        if self.0.len() == Self::KEPT {
+    /// Caches a result. When it is returned again, its `solved` and `swept` counts are zero.
+    pub(super) fn keep(&mut self, query: SearchQuery, result: &SearchResult) {
+        if self.0.len() == Self::CAPACITY {
             self.0.remove(0);
         }
-        let mut answer = answer.clone();
-        (answer.counts.solved, answer.counts.swept) = (0, 0);
-        self.0.push((question, answer));
+        let mut result = result.clone();
+        (result.counts.solved, result.counts.swept) = (0, 0);
+        self.0.push((query, result));
     }
 }

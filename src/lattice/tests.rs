@@ -1,4 +1,4 @@
-//! The search against slow, simple code, and what it promises about repetition, threads and sharing.
+//! The search compared with slow, simple code; and its independence of repetition, threads and cached edges.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub(super) fn straight_road(length: f64) -> ReferenceLine {
     lane((0..=20).map(|i| Point::new(length * f64::from(i) / 20.0, 0.0)).collect())
 }
 
-/// Straight, a left turn by 90°, straight for 60 m.
+/// A straight, a left turn by 90°, a straight of 60 m.
 pub(super) fn bent_road(before: f64, radius: f64) -> ReferenceLine {
     let turned = (1..=30).map(|i| std::f64::consts::FRAC_PI_2 * f64::from(i) / 30.0);
     let bend = turned.map(|a| Point::new(before + radius * a.sin(), radius * (1.0 - a.cos())));
@@ -33,8 +33,8 @@ fn lane(centre: Vec<Point>) -> ReferenceLine {
     let side = |offset: f64| {
         Polyline::new((0..centre.len()).map(|i| {
             let (a, b) = (centre[i.saturating_sub(1)], centre[(i + 1).min(centre.len() - 1)]);
-            let along: Vector = (b - a).normalize();
-            centre[i] + Vector::new(-along.y, along.x) * offset
+            let tangent: Vector = (b - a).normalize();
+            centre[i] + Vector::new(-tangent.y, tangent.x) * offset
         }))
         .unwrap()
     };
@@ -42,7 +42,7 @@ fn lane(centre: Vec<Point>) -> ReferenceLine {
     ReferenceLine::new(&network, &[1], 1.61, &ReferenceSettings::default()).unwrap()
 }
 
-/// A car of 4.5 m × 1.8 m that stands along the road.
+/// A parked car of 4.5 m × 1.8 m, parallel to the road.
 fn car(id: i64, x: f64, y: f64) -> Obstacle {
     standing(id, Pose::new(x, y, 0.0), 4.5, 1.8)
 }
@@ -59,7 +59,7 @@ fn with_context(obstacles: Vec<Obstacle>, test: impl FnOnce(&LatticeContext<'_>)
         ReferenceLine::new(&scenario.network, &[100, 101], vehicle.width, &ReferenceSettings::default()).unwrap();
     let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
     let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
-    // 9.5 m/s at the car's comfort
+    // 9.5 m/s at the comfortable lateral acceleration
     let full_speed_curvature = 3.0 / 90.0;
     test(&LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width });
 }
@@ -69,49 +69,49 @@ fn root(context: &LatticeContext<'_>, station: f64, offset: f64) -> Root {
     Root { pose, curvature: 0.0, kept: vec![], start: pose, allowance: Allowance::NONE }
 }
 
-/// Everything that a path says, but for its sweeps.
+/// The content of paths, without their sweeps.
 fn summary(paths: &[LatticePath]) -> Vec<(Path, f64, CostTerms, Option<Blocker>)> {
     paths.iter().map(|p| (p.path.clone(), p.free_length, p.terms, p.blocked_by)).collect()
 }
 
-/// Counts without those that depend on what was kept from before.
+/// Counts without those that depend on the cache.
 fn reasons(counts: &EdgeCounts) -> EdgeCounts {
     EdgeCounts { solved: 0, swept: 0, ..counts.clone() }
 }
 
 fn assert_complete(counts: &EdgeCounts) {
     let c = counts;
-    let refused = c.off_road + c.no_spiral + c.curvature_bound + c.winds;
-    assert_eq!(c.tried, refused + c.unchecked + c.obstacle + c.occupied_cell + c.road_edge + c.free, "{c:?}");
+    let rejected = c.off_road + c.no_spiral + c.curvature_bound + c.detour;
+    assert_eq!(c.tried, rejected + c.unchecked + c.obstacle + c.occupied_cell + c.road_edge + c.free, "{c:?}");
     assert_eq!(c.obstacle, c.by_obstacle.values().sum::<usize>(), "{c:?}");
 }
 
 #[test]
-fn what_a_store_was_asked_before_does_not_change_its_answers() {
+fn results_do_not_depend_on_the_cache() {
     with_context(vec![car(7, 30.0, 0.0)], |context| {
         let settings = Settings::default();
         let mut used = EdgeStore::default();
         // from the side, other nodes are reached first
         for (station, offset) in [(5.0, 1.0), (5.5, -0.5), (5.0, 1.0), (6.0, 0.3), (5.0, 0.0)] {
             let root = root(context, station, offset);
-            let asked = search(context, &root, 5.0, 40.0, &settings, &mut used);
+            let cached = search(context, &root, 5.0, 40.0, &settings, &mut used);
             let fresh = search(context, &root, 5.0, 40.0, &settings, &mut EdgeStore::default());
             assert!(!fresh.paths.is_empty());
-            assert_eq!(summary(&asked.paths), summary(&fresh.paths));
-            assert_eq!(reasons(&asked.counts), reasons(&fresh.counts));
+            assert_eq!(summary(&cached.paths), summary(&fresh.paths));
+            assert_eq!(reasons(&cached.counts), reasons(&fresh.counts));
             let again = search(context, &root, 5.0, 40.0, &settings, &mut used);
             assert_eq!(summary(&again.paths), summary(&fresh.paths));
-            assert_eq!((again.counts.solved, again.counts.swept), (0, 0), "the same question is answered twice");
+            assert_eq!((again.counts.solved, again.counts.swept), (0, 0), "a repeated query was computed again");
         }
     });
 }
 
 #[test]
-fn the_parked_car_is_passed_or_stopped_at_and_no_path_ends_off_the_road() {
+fn free_paths_pass_the_parked_car_and_end_on_the_road() {
     with_context(vec![car(7, 30.0, 0.0)], |context| {
         let root = root(context, 5.0, 0.0);
         let found = paths(context, &root, 5.0, 40.0, &Settings::default(), &mut EdgeStore::default());
-        assert!(found.iter().any(|p| p.blocked_by.is_none()), "nothing passes");
+        assert!(found.iter().any(|p| p.blocked_by.is_none()), "no path passes the car");
         assert!(found.windows(2).all(|w| w[0].terms.rank() <= w[1].terms.rank()));
         for path in found.iter().filter(|p| p.blocked_by.is_none()) {
             let end = path.path.at(path.path.length()).pose;
@@ -120,7 +120,7 @@ fn the_parked_car_is_passed_or_stopped_at_and_no_path_ends_off_the_road() {
     });
 }
 
-/// The cheapest free chain to each end node, by trying all chains, every edge checked.
+/// Brute force: the cheapest free chain to each end node over all chains, with every edge checked.
 struct AllChains<'a> {
     context: &'a LatticeContext<'a>,
     root: &'a Root,
@@ -152,11 +152,11 @@ impl AllChains<'_> {
                 Some(i) => {
                     let steep = (self.nodes[i].offset - self.nodes[j].offset).abs()
                         / (self.stations[to_layer] - self.stations[to_layer - 1]);
-                    if steep > settings.steepest {
+                    if steep > settings.max_slope {
                         continue;
                     }
                     let from = (self.stations[to_layer - 1], &self.nodes[i]);
-                    (Edge::between(context, from, to, settings), KeptPrefix::NOTHING)
+                    (Edge::between(context, from, to, settings), KeptPrefix::EMPTY)
                 }
             };
             let Ok(edge) = edge else { continue };
@@ -178,10 +178,10 @@ impl AllChains<'_> {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
-    /// On small lattices with cars in all places: whatever free path is handed out is the cheapest to its node, the
-    /// first one is the cheapest of all, and if there is none there is none.
+    /// On small lattices with random cars: every free path is the cheapest to its node, the first one is the cheapest of
+    /// all, and there are free paths if and only if brute force has some.
     #[test]
-    fn lazy_search_finds_what_trying_all_chains_finds(
+    fn lazy_search_agrees_with_brute_force(
         cars in prop::collection::vec((18.0..70.0_f64, -1.5..5.0_f64), 0..4),
         offset in -0.6..1.2_f64,
         headings in prop::sample::select(vec![vec![0.0], vec![-0.08, 0.08]]),
@@ -211,15 +211,15 @@ proptest! {
             let ends: Vec<f64> = free.iter().map(|p| p.terms.total() - missing(p)).collect();
             let cheapest = all.best.values().copied().fold(f64::INFINITY, f64::min);
             if free.is_empty() != all.best.is_empty() {
-                failure = Some(format!("{} free paths where there are {:?}", free.len(), all.best));
+                failure = Some(format!("{} free paths, brute force {:?}", free.len(), all.best));
             }
             for (path, cost) in free.iter().zip(&ends) {
                 let of_node = all.best.iter().filter(|(j, _)| all.nodes[**j].offset == path.end_offset);
                 if !of_node.into_iter().any(|(_, best)| (best - cost).abs() < 1e-6) {
-                    failure = Some(format!("{cost} to offset {}, and {:?}", path.end_offset, all.best));
+                    failure = Some(format!("{cost} to offset {}, brute force {:?}", path.end_offset, all.best));
                 }
             }
-            // lengths differ a little between end nodes, and with them what is missing to the horizon
+            // lengths, and with them the progress shortfall, differ slightly between end nodes
             if let Some(first) = ends.first() && *first > cheapest + settings.weights.progress_shortfall * 1.0 {
                 failure = Some(format!("first is {first}, the cheapest {cheapest}"));
             }
@@ -229,7 +229,7 @@ proptest! {
 }
 
 #[test]
-fn thread_counts_give_equal_bits() {
+fn results_are_equal_to_the_bit_for_every_number_of_threads() {
     with_context(vec![car(7, 30.0, 0.0), car(8, 60.0, 3.0)], |context| {
         let found = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -257,7 +257,7 @@ fn thread_counts_give_equal_bits() {
 }
 
 #[test]
-fn edges_that_paths_share_are_made_once() {
+fn shared_edges_are_computed_once() {
     with_context(vec![car(7, 40.0, 0.0)], |context| {
         let (settings, mut store) = (Settings::default(), EdgeStore::default());
         let found = search(context, &root(context, 5.0, 0.0), 8.0, 70.0, &settings, &mut store);
@@ -265,7 +265,7 @@ fn edges_that_paths_share_are_made_once() {
         let used = distinct.len();
         distinct.sort_unstable();
         distinct.dedup();
-        assert!(distinct.len() < used, "paths share nothing: {used} edges");
+        assert!(distinct.len() < used, "paths share no edge: {used} edges");
         // the same piece of road is the same sweep
         let pieces = |p: &LatticePath| -> Vec<(Pose, CubicSpiral)> {
             p.path.pieces().map(|(_, start, spiral)| (*start, *spiral)).collect()
@@ -282,14 +282,14 @@ fn edges_that_paths_share_are_made_once() {
         let counts = &found.counts;
         assert_eq!(counts.swept, counts.free + counts.obstacle + counts.road_edge, "an edge was checked twice");
         assert!(counts.unchecked > 80, "not lazy: {counts:?}");
-        // from a little farther on, only the edges from the root are new
+        // slightly farther ahead, only the edges from the root are new
         let next = search(context, &root(context, 5.3, 0.0), 8.0, 70.0, &settings, &mut store);
         assert!(next.counts.solved <= settings.root_layers * nodes(&settings).len(), "{:?}", next.counts);
         assert!(next.counts.swept < counts.swept, "{:?} after {counts:?}", next.counts);
     });
 }
 
-/// A root 6 m behind the end of a kept arc.
+/// A root at the end of a kept arc of 6 m.
 fn kept_root(context: &LatticeContext<'_>) -> Root {
     let start = context.reference.offset_pose(5.0, 0.0).unwrap().pose;
     let kept = CubicSpiral { knots: [0.01; 4], length: 6.0 };
@@ -298,7 +298,7 @@ fn kept_root(context: &LatticeContext<'_>) -> Root {
 }
 
 #[test]
-fn the_kept_part_is_swept_once_and_all_paths_begin_with_it() {
+fn the_kept_prefix_is_swept_once_and_starts_every_path() {
     with_context(vec![car(7, 40.0, 0.0)], |context| {
         let found =
             search(context, &kept_root(context), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
@@ -316,8 +316,8 @@ fn the_kept_part_is_swept_once_and_all_paths_begin_with_it() {
 }
 
 #[test]
-fn what_blocks_the_kept_part_blocks_every_path_there() {
-    // front bumper at 5 + 3.7 m: 2 m of the kept part are free
+fn a_blocked_kept_prefix_blocks_every_path() {
+    // front bumper at 5 + 3.7 m: 2 m of the kept prefix are free
     with_context(vec![standing(3, Pose::new(11.3, 0.0, 0.0), 0.5, 3.0)], |context| {
         let found =
             search(context, &kept_root(context), 8.0, 60.0, &Settings::default(), &mut EdgeStore::default()).paths;
@@ -330,9 +330,9 @@ fn what_blocks_the_kept_part_blocks_every_path_there() {
 }
 
 #[test]
-fn a_lattice_without_an_edge_tells_its_reasons() {
+fn counts_explain_a_lattice_without_edges() {
     with_context(vec![], |context| {
-        // beside the line, turned off it, and hardly able to steer: nothing ends in a node
+        // beside the line, with a different heading and almost no steering: no edge reaches a node
         let context = LatticeContext { max_curvature: 1e-4, ..*context };
         let mut root = root(&context, 5.0, 0.3);
         root.pose.yaw += 0.1;
@@ -343,23 +343,23 @@ fn a_lattice_without_an_edge_tells_its_reasons() {
         assert!(found.paths.is_empty());
         assert!(counts.off_road > 0, "nodes to the right of the road: {counts:?}");
         assert!(counts.curvature_bound > 10 && counts.curvature_bound == counts.tried - counts.off_road, "{counts:?}");
-        // a root that looks back winds round
+        // a root that points backwards needs detours
         root.pose.yaw += 2.0;
         root.start = root.pose;
         let context = LatticeContext { max_curvature: 1.0, ..context };
         let found = search(&context, &root, 8.0, 60.0, &Settings::default(), &mut EdgeStore::default());
-        assert!(found.counts.winds + found.counts.no_spiral > 10, "{:?}", found.counts);
+        assert!(found.counts.detour + found.counts.no_spiral > 10, "{:?}", found.counts);
         assert_complete(&found.counts);
     });
 }
 
 #[test]
-fn a_wall_is_named_as_the_reason_that_nothing_passes() {
+fn counts_name_the_wall_that_blocks_all_paths() {
     with_context(vec![standing(5, Pose::new(50.0, 1.75, 0.0), 1.0, 12.0)], |context| {
         let root = root(context, 5.0, 0.0);
         let found = search(context, &root, 8.0, 70.0, &Settings::default(), &mut EdgeStore::default());
         assert_complete(&found.counts);
-        // some swerve off the road before they come to the wall
+        // some paths leave the road before the wall
         assert!(found.paths.iter().all(|p| p.blocked_by.is_some()));
         assert_eq!(found.paths[0].blocked_by, Some(Blocker::Obstacle(5)));
         assert_eq!(found.counts.by_obstacle.keys().copied().collect::<Vec<_>>(), [5]);
@@ -368,7 +368,7 @@ fn a_wall_is_named_as_the_reason_that_nothing_passes() {
 }
 
 #[test]
-fn no_road_ahead_gives_no_paths_and_no_counts() {
+fn the_end_of_the_road_has_no_paths_and_no_counts() {
     with_context(vec![], |context| {
         let end = context.reference.length();
         let found =
@@ -379,7 +379,7 @@ fn no_road_ahead_gives_no_paths_and_no_counts() {
 }
 
 #[test]
-fn more_headings_never_make_the_best_path_dearer() {
+fn more_headings_never_increase_the_lowest_cost() {
     with_context(vec![car(7, 32.0, 0.3), car(8, 52.0, 3.4)], |context| {
         let best = |headings: Vec<f64>| {
             let settings = Settings { headings, ..Settings::default() };

@@ -1,4 +1,4 @@
-//! One lattice path with the speed layer on it: bounds, blocked intervals, SafeTLP.
+//! The speed problem of a lattice path: speed limits, blocked intervals, search with SafeTLP.
 
 use super::goal::GoalOnLane;
 use super::record::Rejection;
@@ -8,17 +8,17 @@ use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_speed_limits, make_reachable};
 use crate::speed::{
-    AccelerationLimits, NoPlan, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
+    AccelerationLimits, NoPlan, ProofViolation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
     search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
 use crate::vehicle::Vehicle;
 
-/// What all candidates of a cycle on one lane share.
+/// The data that all candidates of one lane and level share in a cycle.
 pub(super) struct Situation<'a> {
     pub(super) vehicle: &'a Vehicle,
     pub(super) settings: &'a Settings,
-    /// What counts of the moving obstacles.
+    /// Predictions of the moving obstacles that constrain proofs.
     pub(super) traffic: &'a Predictions,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
@@ -27,9 +27,9 @@ pub(super) struct Situation<'a> {
     pub(super) station: f64,
     pub(super) time: f64,
     pub(super) speed: f64,
-    /// Speed to drive at where nothing else limits it, m/s.
+    /// Cruise speed, m/s.
     pub(super) cruise: f64,
-    /// Time after which nothing moves any more, s of the run.
+    /// End of the predictions, s of the run.
     pub(super) horizon: f64,
     /// Largest acceleration, m/s².
     pub(super) acceleration: f64,
@@ -37,49 +37,49 @@ pub(super) struct Situation<'a> {
     pub(super) braking: f64,
     /// Largest deceleration of proofs, m/s².
     pub(super) proof_deceleration: f64,
-    /// Share of it that the search uses.
+    /// Fraction of it that the search uses.
     pub(super) search_share: f64,
-    /// Whether the run goes on long enough to come to the end of a road that ends ahead.
+    /// Whether the remaining run is long enough to reach the end of a road that ends ahead.
     pub(super) long_run: bool,
-    /// Stretches of the reference line on which resting is not allowed.
+    /// Station intervals of the reference line in which stopping is not allowed, m.
     pub(super) no_stopping: &'a [(f64, f64)],
-    /// Time by which moving obstacles are given way before and after, s.
+    /// Time gap to moving obstacles, before and after them, s.
     pub(super) time_gap: f64,
-    /// Lateral acceleration that no path may ask for, m/s².
+    /// Upper bound of the lateral acceleration of paths, m/s².
     pub(super) lateral_limit: f64,
 }
 
 /// A candidate whose stop is proven.
 pub(super) struct Proven {
-    /// The problem to be proved: intervals as they are blocked, speed_limits as hard as they are. The search kept a time gap and
-    /// a reserve of lateral acceleration to them.
+    /// The problem of the proof, with the actual blocked intervals and hard speed limits. The search used a time gap and a
+    /// reserve of lateral acceleration in addition.
     pub(super) problem: SpeedProblem,
-    /// The speed_limits with the reserve.
+    /// The speed limits with the reserve, m/s.
     pub(super) target_speed_limits: Vec<f64>,
-    /// The searched profile; it ends at the first safe rest that would be followed by a long wait.
-    pub(super) searched: SpeedProfile,
-    /// Station that the whole searched plan has reached after [`TRAVEL_TIME_HORIZON`], m.
+    /// The profile of the search; it ends at the first safe standstill before a long wait.
+    pub(super) raw_profile: SpeedProfile,
+    /// Station of the complete plan after [`TRAVEL_TIME_HORIZON`], m.
     pub(super) progress: f64,
     pub(super) expansions: usize,
-    /// Cells blocked on the path, for pictures.
+    /// Blocked cells of the path, for records.
     pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
 }
 
 impl Proven {
-    /// Proves the searched profile again, by other code than the search: what is committed has to pass.
-    pub(super) fn proved_again(&self) -> Result<(), Refutation> {
-        prove(&self.problem, &self.searched)
+    /// Checks the raw profile by code that is independent of the search. A committed profile must pass.
+    pub(super) fn reverify(&self) -> Result<(), ProofViolation> {
+        prove(&self.problem, &self.raw_profile)
     }
 }
 
-/// The speed layer's answer for one path.
+/// Result of the speed search of one path.
 pub(super) enum Evaluation {
     Proven(Box<Proven>),
     Rejected { why: Rejection, expansions: usize },
 }
 
 impl Situation<'_> {
-    /// Searches the speed along a path.
+    /// Searches for a speed profile along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
         if self.is_curve_speed_infeasible(path) {
             return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0 };
@@ -95,12 +95,12 @@ impl Situation<'_> {
         };
         let expansions = outcome.statistics().expansions;
         match outcome {
-            // a plan without a proof is none
+            // a plan without a proof is not accepted
             SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions },
             SpeedOutcome::NoPlan { why, .. } => {
                 let why = match why {
                     NoPlan::CannotStop { .. } => Rejection::CannotStop,
-                    NoPlan::Spent(_) => Rejection::NoProofInBudget,
+                    NoPlan::BudgetExhausted(_) => Rejection::NoProofInBudget,
                     NoPlan::NoSafeState => Rejection::NoProof,
                 };
                 Evaluation::Rejected { why, expansions }
@@ -109,18 +109,18 @@ impl Situation<'_> {
                 if let Some(brisk) = tail::without_creeping(&problem, &plan) {
                     plan = brisk;
                 }
-                let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
+                let progress = smoothing::raw_profile(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let speed_limits = self.hard_speed_limits(path, &problem.stations);
                 let target_speed_limits = std::mem::replace(&mut problem.speed_limits, speed_limits);
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
-                match smoothing::unsmoothed(&problem, &plan).zip(progress) {
-                    Some((searched, progress)) => Evaluation::Proven(Box::new(Proven {
+                match smoothing::raw_profile(&problem, &plan).zip(progress) {
+                    Some((raw_profile, progress)) => Evaluation::Proven(Box::new(Proven {
                         #[cfg(test)]
-                        searched: fault::applied(searched),
+                        raw_profile: fault::applied(raw_profile),
                         #[cfg(not(test))]
-                        searched,
+                        raw_profile,
                         problem,
                         target_speed_limits,
                         progress,
@@ -133,7 +133,7 @@ impl Situation<'_> {
         }
     }
 
-    /// Whether the path bends more than the speed allows that is left after braking comfortably from here.
+    /// Whether a curve of the path is too tight for the speed that remains after comfortable braking.
     fn is_curve_speed_infeasible(&self, path: &LatticePath) -> bool {
         /// Distance between checks, m.
         const STEP: f64 = 1.0;
@@ -147,15 +147,15 @@ impl Situation<'_> {
         let stops_after = self.speed * self.speed / braking;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of checks
         let checks = (stops_after.min(path.free_length) / STEP) as usize;
-        // the first metre is where the vehicle is: no choice of path changes it
+        // skip the first metre, which is the same for all paths
         (1..=checks).map(|i| i as f64 * STEP).any(|s| {
-            let left = (self.speed * self.speed - braking * s).max(0.0).sqrt();
-            left > limits.at(&path.path.at(s))
+            let remaining = (self.speed * self.speed - braking * s).max(0.0).sqrt();
+            remaining > limits.at(&path.path.at(s))
         })
     }
 
-    /// Where the plan must stop on the path at the latest, and whether a stop is planned there.
-    fn end_of_way(&self, path: &LatticePath) -> (f64, bool) {
+    /// The last station at which the plan may stop, m, and whether a stop is planned there.
+    fn end_of_path(&self, path: &LatticePath) -> (f64, bool) {
         let mut end = path.path.length();
         let mut planned = false;
         if let Some(blocker) = path.blocked_by {
@@ -166,28 +166,27 @@ impl Situation<'_> {
             }
         }
         planned |= self.road_ends_there(end);
-        if let Some(to_goal) = self.way_to_goal_stop().filter(|way| *way < end) {
+        if let Some(to_goal) = self.distance_to_goal_stop().filter(|distance| *distance < end) {
             (end, planned) = (to_goal, true);
         }
         (end.max(0.0), planned)
     }
 
-    /// Way left to where the goal asks for a stop, or where going on would miss it, m; `None` if there is no such place
-    /// or the vehicle is too fast to stop there.
-    fn way_to_goal_stop(&self) -> Option<f64> {
+    /// Distance to a stop in the goal, or to the last station before the goal is missed, m. `None` if there is none or the
+    /// vehicle is too fast to stop there.
+    fn distance_to_goal_stop(&self) -> Option<f64> {
         let stop = self.goal.filter(GoalOnLane::is_stop).map(|goal| {
             let comfortable = self.speed * self.speed / (2.0 * self.settings.stopping_share * self.braking);
-            // somewhere in the goal, as early as is comfortable
+            // inside the goal, at the earliest comfortable station
             (self.station + comfortable).max(goal.stop_station()).min(goal.far)
         });
         let hardest = self.speed * self.speed / (2.0 * self.proof_deceleration);
-        stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|way| *way >= hardest)
+        stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|distance| *distance >= hardest)
     }
 
-    /// Whether the path, `end` metres long, runs up to the end of the known road, and the run goes on long enough to
-    /// come there.
+    /// Whether the path, `end` metres long, reaches the end of the known road and the remaining run is long enough for it.
     fn road_ends_there(&self, end: f64) -> bool {
-        /// Nodes lie on a grid: a path may end this far before the road does, m.
+        /// Nodes are on a grid: a path may end this far before the end of the road, m.
         const GRID: f64 = 8.0;
         let goal_passed = self.goal.is_some_and(|g| g.far < self.station);
         let front = self.station + end + self.vehicle.front_overhang_from_rear_axle();
@@ -196,15 +195,15 @@ impl Situation<'_> {
 
     #[allow(clippy::type_complexity)] // intervals of stations and times, as the record has them
     fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
-        let (end, planned_stop) = self.end_of_way(path);
+        let (end, planned_stop) = self.end_of_path(path);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
         let grid = self.traffic.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
-        let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - SHORTEST_CELL).collect();
+        let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
-            // no room at all: only a vehicle at rest has a plan here
+            // no free cell: only a stopped vehicle has a plan here
             stations.push(0.0);
         }
-        if end > SHORTEST_CELL {
+        if end > MIN_CELL {
             stations.push(end);
         } else if self.speed > 0.0 {
             return None;
@@ -238,7 +237,7 @@ impl Situation<'_> {
         !self.no_stopping.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
     }
 
-    /// Upper bounds that the vehicle and the rules set, for a lateral acceleration and a share of the steering rate.
+    /// Speed limits by vehicle and rules, for a lateral acceleration and a fraction of the steering rate, m/s.
     fn hard_limits(&self, path: &LatticePath, stations: &[f64], lateral: f64, steering_share: f64) -> Vec<f64> {
         let limits = SpeedLimits {
             lateral_acceleration: lateral,
@@ -250,18 +249,18 @@ impl Situation<'_> {
         stations.iter().map(|s| limits.at(&path.path.at(*s)).min(rule(*s)).min(self.cruise)).collect()
     }
 
-    /// What a smoothed profile is proved against.
+    /// Speed limits for the proof of a smoothed profile, m/s.
     fn hard_speed_limits(&self, path: &LatticePath, stations: &[f64]) -> Vec<f64> {
         self.hard_limits(path, stations, self.lateral_limit, 1.0)
     }
 
-    /// Upper bounds at the nodes, by minimum: curvature and steering with a reserve, rules, the goal's time window, the
-    /// planned stop.
+    /// Speed limits at the stations, m/s: the minimum of curvature and steering with a reserve, rules, the time window of the
+    /// goal, and the planned stop.
     fn speed_limits(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
         let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
         let mut speed_limits = self.hard_limits(path, stations, lateral, STEERING_SHARE);
         if let Some(goal) = &self.goal {
-            let in_time = goal.speed_for_window(self.station, self.time).max(SLOWEST_APPROACH);
+            let in_time = goal.speed_for_window(self.station, self.time).max(MIN_APPROACH_SPEED);
             for (cap, s) in speed_limits.iter_mut().zip(stations) {
                 if self.station + s <= goal.far {
                     *cap = cap.min(in_time);
@@ -272,10 +271,10 @@ impl Situation<'_> {
             }
         }
         if planned_stop {
-            let room = stations[stations.len() - 1];
-            let needed = self.speed * self.speed / (2.0 * room.max(SHORTEST_CELL));
-            let wanted = self.settings.stopping_share * self.braking;
-            let deceleration = wanted.max(needed * 1.02).min(self.proof_deceleration);
+            let distance = stations[stations.len() - 1];
+            let required = self.speed * self.speed / (2.0 * distance.max(MIN_CELL));
+            let comfortable = self.settings.stopping_share * self.braking;
+            let deceleration = comfortable.max(required * 1.02).min(self.proof_deceleration);
             for (cap, braking) in speed_limits.iter_mut().zip(braking_speed_limits(stations, deceleration)) {
                 *cap = cap.min(braking);
             }
@@ -284,41 +283,41 @@ impl Situation<'_> {
         speed_limits
     }
 
-    /// How far free driving gets within [`TRAVEL_TIME_HORIZON`], m.
+    /// Progress of unobstructed driving within [`TRAVEL_TIME_HORIZON`], m.
     pub(super) fn free_progress(&self) -> f64 {
         let a = self.vehicle.comfort.acceleration;
         let ramp = ((self.cruise - self.speed) / a).clamp(0.0, TRAVEL_TIME_HORIZON);
-        let way = self.speed * ramp
+        let distance = self.speed * ramp
             + 0.5 * a * ramp * ramp
             + self.cruise.min(self.speed + a * ramp) * (TRAVEL_TIME_HORIZON - ramp);
-        self.way_to_goal_stop().map_or(way, |stop| way.min(stop.max(0.0)))
+        self.distance_to_goal_stop().map_or(distance, |stop| distance.min(stop.max(0.0)))
     }
 }
 
-/// Lateral acceleration that speeds are planned for where no path may ask for more than `limit`, m/s²: with a reserve to
-/// the limit, but the comfortable one with its reserve at least.
+/// Lateral acceleration of planned speeds under the given limit, m/s²: with a reserve to the limit, but not less than the
+/// comfortable one with its reserve.
 pub(super) fn planned_lateral(settings: &Settings, vehicle: &Vehicle, limit: f64) -> f64 {
     settings.lateral_share * vehicle.comfort.lateral_acceleration.max(limit)
 }
 
-/// What falling behind free driving by `behind` metres costs a path: the speed layer has measured what the lattice's
-/// slowing has estimated, so the two count together as the larger of them.
+/// The cost of falling behind unobstructed driving by `behind` metres. The lattice has already estimated a part of it as
+/// `curve_slowdown`, so that both together cost the larger of the two.
 pub(super) fn delay(settings: &Settings, behind: f64, terms: &CostTerms) -> f64 {
     (settings.lattice.weights.travel_time * behind - terms.curve_slowdown).max(0.0)
 }
 
-/// A wait at a safe rest that ends a plan, s: what comes after is planned when its time has come.
+/// A wait at a safe standstill of at least this length ends a plan, s: later cycles plan the continuation.
 const LONG_WAIT: f64 = 2.0;
-/// How far ahead falling behind free driving is counted, s.
+/// Horizon of the `travel_time` cost, s.
 pub(super) const TRAVEL_TIME_HORIZON: f64 = 6.0;
-/// Shorter cells than this are left out, m: shorter than any gap that matters.
-const SHORTEST_CELL: f64 = 0.02;
-/// Slowest approach to a goal whose time window is not open yet, m/s.
-const SLOWEST_APPROACH: f64 = 0.5;
-/// Share of the steering rate that plans may use; the rest is the tracking controller's.
+/// Shorter cells are dropped, m.
+const MIN_CELL: f64 = 0.02;
+/// Slowest approach to a goal before its time window opens, m/s.
+const MIN_APPROACH_SPEED: f64 = 0.5;
+/// Fraction of the steering rate that plans may use; the tracking controller has the remainder.
 const STEERING_SHARE: f64 = 0.8;
 
-/// Intervals made longer by `gap` on both sides (not before `now`), merged where they meet.
+/// The intervals extended by `gap` on both sides (not before `now`) and merged where they overlap.
 fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> {
     let mut merged: Vec<TimeInterval> = Vec::new();
     for &(from, to) in intervals {
@@ -331,7 +330,7 @@ fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> 
     merged
 }
 
-/// A fault of the search, for tests of what guards against one.
+/// A fault of the search, to test the reverification.
 #[cfg(test)]
 pub(super) mod fault {
     use std::cell::Cell;
@@ -339,16 +338,16 @@ pub(super) mod fault {
     use crate::trajectory::{SpeedKnot, SpeedProfile};
 
     thread_local! {
-        /// Whether searched profiles of this thread end moving.
+        /// Whether raw profiles of this thread end at a positive speed.
         pub(in crate::planner) static ENDS_MOVING: Cell<bool> = const { Cell::new(false) };
     }
 
-    pub(super) fn applied(searched: SpeedProfile) -> SpeedProfile {
+    pub(super) fn applied(raw_profile: SpeedProfile) -> SpeedProfile {
         if !ENDS_MOVING.get() {
-            return searched;
+            return raw_profile;
         }
         let moving = |k: &SpeedKnot| SpeedKnot { speed: k.speed.max(0.5), ..*k };
-        SpeedProfile::new(searched.knots().iter().map(moving).collect()).unwrap_or(searched)
+        SpeedProfile::new(raw_profile.knots().iter().map(moving).collect()).unwrap_or(raw_profile)
     }
 }
 
@@ -357,7 +356,7 @@ mod tests {
     use super::widened;
 
     #[test]
-    fn widened_intervals_merge_and_do_not_reach_into_the_past() {
+    fn widened_intervals_merge_and_do_not_extend_into_the_past() {
         let b = widened(&[(0.5, 1.0), (2.0, 2.5), (6.0, 7.0)], 0.6, 0.4);
         assert_eq!(b, vec![(0.4, 3.1), (5.4, 7.6)]);
     }

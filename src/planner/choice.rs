@@ -1,10 +1,9 @@
-//! The joint choice of path and speed: candidates in the order of what they cost at least, the cheapest whose stop is
-//! proven wins.
+//! The joint choice of path and speed: the cheapest pair with a proven stop.
 //!
-//! What a path costs without its speed is a lower bound of what the pair costs, so a path whose bound is not below the best
-//! pair's cost is not searched. The next paths in line are searched side by side, as many as there are threads; those that
-//! the result of one before makes needless are dropped uncounted. So the record, and with it every byte, is that of one
-//! path after another, whatever the number of threads.
+//! The cost of a path without its speed is a lower bound of the cost of the pair. Candidates are evaluated in the order of
+//! this bound, and a path whose bound is not below the best cost needs no speed search. Speed searches run in parallel, as
+//! many as there are threads. Results that an earlier result makes unnecessary are dropped and not counted. So the record is
+//! that of a sequential evaluation, to the byte, for every number of threads.
 
 use rayon::prelude::*;
 
@@ -25,23 +24,22 @@ pub(super) struct Choice {
 }
 
 impl Planner<'_> {
-    /// Looks at the paths found on a lane, which are in the order of their cost, and replaces the best pair so far where one
-    /// is better.
+    /// Evaluates the paths of a lane, which are in the order of their cost, and updates the best pair.
     pub(super) fn evaluate_all(
         &self,
         start: &Start,
         lane: usize,
         level: Level,
-        found: Vec<LatticePath>,
+        paths: Vec<LatticePath>,
         best: &mut Option<Choice>,
         record: &mut CycleRecord,
     ) {
         let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
         let situation = self.situation(start, on, level);
         let free = situation.free_progress();
-        let mut rest = found.into_iter();
+        let mut remaining = paths.into_iter();
         loop {
-            let group: Vec<LatticePath> = rest.by_ref().take(rayon::current_num_threads()).collect();
+            let group: Vec<LatticePath> = remaining.by_ref().take(rayon::current_num_threads()).collect();
             let limit = best.as_ref().map(|b| rank(b.cost));
             let evaluate = |path: &LatticePath| is_worth_it(path, limit).then(|| situation.evaluate(path));
             let evaluations: Vec<_> = match group.as_slice() {
@@ -81,21 +79,21 @@ impl Planner<'_> {
     }
 }
 
-/// Whether a path may still become a better pair than the one of the rank `limit`.
+/// Whether a pair with this path can have a rank below `limit`.
 fn is_worth_it(path: &LatticePath, limit: Option<i64>) -> bool {
     limit.is_none_or(|limit| rank(path.terms.total()) < limit)
 }
 
-/// Makes the pair the best one if it is, and if its speed is proved again; why not otherwise.
+/// Makes the pair the best one if it costs less and passes reverification; else returns the reason.
 fn take_if_better(best: &mut Option<Choice>, pair: Choice, record: &mut CycleRecord) -> Option<Rejection> {
     if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(pair.cost)) {
         return Some(Rejection::HigherCost);
     }
-    if pair.proven.proved_again().is_err() {
+    if pair.proven.reverify().is_err() {
         return Some(Rejection::ReverificationFailed);
     }
-    if let Some(passed) = best.replace(pair) {
-        record.reject(passed.candidate, Rejection::HigherCost);
+    if let Some(previous) = best.replace(pair) {
+        record.reject(previous.candidate, Rejection::HigherCost);
     }
     None
 }
@@ -109,7 +107,7 @@ mod tests {
     use super::*;
     use crate::vehicle::State;
 
-    /// The first cycle of one of the project's own maps, on so many threads.
+    /// The first cycle on one of the maps of the project, with the given number of threads.
     fn first_cycle(map: &str, threads: usize, faulty: bool) -> Cycle {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("maps").join(map);
         let scenario = crate::io::commonroad::read_file(&file).unwrap();
@@ -132,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_searched_profile_that_fails_its_second_proof_is_never_committed() {
+    fn a_raw_profile_that_fails_reverification_is_never_committed() {
         let sound = first_cycle("straight_100m.xml", 1, false);
         assert!(matches!(sound.decision, Decision::NewPlan { .. }));
         assert_eq!(sound.rejections(Rejection::ReverificationFailed), 0);
@@ -142,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn searching_ahead_on_more_threads_changes_no_record() {
+    fn the_record_does_not_depend_on_the_number_of_threads() {
         for map in ["slalom.xml", "pedestrian.xml"] {
             let one = first_cycle(map, 1, false);
             for threads in [2, 3, 7] {

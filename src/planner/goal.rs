@@ -1,27 +1,28 @@
-//! The goal of a planning problem, seen along a reference line.
+//! The goal of a planning problem in the coordinates of a reference line.
 
 use crate::map::{Goal, GoalPosition, RoadNetwork};
 use crate::reference::ReferenceLine;
 use crate::vehicle::Vehicle;
 
-/// Where the goal lies on a reference line, and what is to be done there.
+/// The goal on a reference line: stations, speed and time window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalOnLane {
-    /// Stations of the rear axle at which the vehicle's centre is inside the goal, m.
+    /// First station of the rear axle at which the vehicle's centre is inside the goal, m.
     pub near: f64,
-    /// End of that interval, m.
+    /// Last such station, m.
     pub far: f64,
-    /// Highest speed that counts as reaching it, m/s.
+    /// Highest permitted speed at the goal, m/s.
     pub speed_limit: f64,
-    /// Time window in which it counts, s of the run.
+    /// Time window of the goal, s of the run.
     pub window: (f64, f64),
 }
 
-/// Slower than this at the goal (m/s) means to stop there.
+/// A goal with a lower speed limit than this (m/s) requires a stop.
 const STOP_SPEED: f64 = 1.0;
 
 impl GoalOnLane {
-    /// The goal's stretch of the reference line, from its start on; `None` if the line does not touch it.
+    /// The first interval of the reference line inside the goal; `None` if the line does not meet it or the goal has no
+    /// position.
     #[must_use]
     pub fn find(goal: &Goal, network: &RoadNetwork, line: &ReferenceLine, vehicle: &Vehicle) -> Option<Self> {
         /// Sampling of the line, m.
@@ -54,28 +55,28 @@ impl GoalOnLane {
         })
     }
 
-    /// Whether the vehicle is to come to rest in the goal.
+    /// Whether the goal requires a stop.
     #[must_use]
     pub fn is_stop(&self) -> bool {
         self.speed_limit < STOP_SPEED
     }
 
-    /// The station to stop at, if the goal asks for a stop or is reached before its time window opens.
+    /// Station for a stop in the goal, m.
     #[must_use]
     pub fn stop_station(&self) -> f64 {
-        // the middle, but not deep into a long region
+        // the middle, at most 5 m into a long region
         self.near + (0.5 * (self.far - self.near)).min(5.0)
     }
 
-    /// The speed that brings the vehicle from `station` at `time` to the goal just inside its time window, if driving
-    /// faster would be too early.
+    /// The speed with which the vehicle reaches the goal from `station` at `time` just after its time window opens, m/s;
+    /// infinite if no speed is too early.
     #[must_use]
     pub fn speed_for_window(&self, station: f64, time: f64) -> f64 {
         let (opens, _) = self.window;
         if time >= opens || station >= self.far {
             return f64::INFINITY;
         }
-        // be at the far end when the window has been open for half a second
+        // arrive at the far end half a second after the window opens
         (self.far - station) / (opens + 0.5 - time)
     }
 }

@@ -1,51 +1,51 @@
-//! When the plan in force is left for another: the one place that decides it.
+//! Hysteresis: the one rule that decides when a new plan replaces the committed one.
 //!
-//! **What is compared.** In every cycle the plan in force is among the candidates: the edge that is being driven is kept
-//! as a root of the lattice ([`CommittedPlan::kept`]), and what follows it lies on nodes that stay where they are. Every
-//! candidate is compared by its whole cost with every other; one that leaves the plan in force pays for it.
+//! **Comparison.** In every cycle the committed plan is among the candidates: its present edge is a root of the lattice
+//! ([`CommittedPlan::kept`]), and the following edges connect nodes that are fixed to the road. Candidates are compared by
+//! their total cost, which includes a cost of leaving the committed plan.
 //!
-//! **The price** is `planner.lattice.weights.plan_change` for each metre of [`CommittedPlan::departure`], the largest distance
-//! beside the plan in force over the way that both have ahead.
+//! **Cost of leaving.** `planner.lattice.weights.plan_change` per metre of [`CommittedPlan::departure`], the largest lateral
+//! distance from the committed plan over their common length.
 //!
-//! **Why it can't flicker.** Let A be in force, B another, d between them and p = switching · d. B is taken when
-//! cost(B) + p < cost(A); then A is taken again only when cost(A) + p < cost(B). Between the two, the difference of
-//! their costs has to change by 2p: what changes by less, however often it turns, changes nothing. The distance is the
-//! largest one, not a mean, because two plans that part late are as different to those who watch as two that part now;
-//! and because the distance that the metric of plan switches counts from costs half a `switching` at least.
+//! **Stability.** Let A be committed, B another plan, d their distance and p = plan_change · d. B replaces A if
+//! cost(B) + p < cost(A). A replaces B again only if cost(A) + p < cost(B). Between both switches the difference of the costs
+//! must change by 2p, so that smaller fluctuations never cause a switch. The distance is the maximum and not the mean: two
+//! plans that separate late differ as much as two that separate now, and every departure that the plan-switch metric counts
+//! costs at least half of `plan_change`.
 //!
-//! **A way not found again.** The search may miss the way in force in a cycle, because its steps are coarser than the plan
-//! they would have to find. Then every candidate is another way, and the cheapest of them is taken only if it costs less
-//! than going on as planned, which needs no new proof: the plan in force has one up to its rest (`Planner::staying`).
+//! **A committed path missing from the candidates.** The search can miss the committed path in a cycle, because its
+//! discretisation is coarser than the plan. Then the cheapest candidate replaces the committed plan only if it costs less
+//! than keeping it. Keeping it needs no new proof: the plan has one up to its standstill (`Planner::staying`).
 //!
-//! **At a stop** there is nothing to choose between: in the final approach a plan is left only for one that soon gets
-//! farther by a metre ([`CommittedPlan::is_worth_leaving`]), so that a stop is not re-planned centimetre by centimetre, nor drawn
-//! out by one that would creep until the way is free.
+//! **At a stop.** In the final approach a new plan must soon get a metre farther
+//! ([`CommittedPlan::is_worth_leaving`]). So the planner does not replan a stop by centimetres and does not prolong it by a
+//! plan that creeps until the path is free.
 //!
-//! Weak: where the plan in force was laid through nodes that the present layers leave out, its continuation is only
-//! nearly among the candidates, and all of them pay a little. A way blocked since is left at any price.
+//! Weak: if the committed plan passes nodes that the present layers do not contain, its continuation is only approximately
+//! among the candidates, and all of them pay a small cost. A committed path that is blocked by now is left at any cost.
 
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::lattice::refine::Commitment;
 use crate::trajectory::{Path, Trajectory, TrajectoryPoint};
 
-/// The plan in force, seen from a point on it.
+/// The committed plan, from a point on it.
 pub(super) struct CommittedPlan<'a> {
     plan: &'a Trajectory,
     pose: Pose,
-    /// Station of that point on the plan's path, m.
+    /// Station of that point on the path of the plan, m.
     station: f64,
 }
 
 /// Distance between compared points, m.
 const SPACING: f64 = 5.0;
-/// Departures beyond this cost no more, m: a lane's width is another way, and so is more.
-const ANOTHER_WAY: f64 = 3.5;
-/// A path that departs by less is the way in force found anew, m.
-const SAME_WAY: f64 = 0.5;
-/// Distance to rest within which a stop counts as the final approach, m.
+/// The cost of leaving saturates at this departure, m: about the width of a lane.
+const MAX_DEPARTURE: f64 = 3.5;
+/// A path with a smaller departure is the committed path, m.
+const SAME_PATH: f64 = 0.5;
+/// Distance to standstill at which the final approach begins, m.
 const FINAL_APPROACH: f64 = 4.0;
-/// Less progress than this is not worth leaving the final approach for, m.
+/// Smallest additional progress for which a plan replaces the final approach, m.
 const WORTH_MOVING: f64 = 1.0;
 
 impl<'a> CommittedPlan<'a> {
@@ -53,52 +53,52 @@ impl<'a> CommittedPlan<'a> {
         Self { plan, pose: here.pose, station: here.station }
     }
 
-    /// The rest of the edge that is being driven, with where it ends, if it is long enough to be worth keeping.
+    /// The remainder of the present edge with its end; `None` if it is too short to keep.
     pub(super) fn kept(&self) -> Option<(PathPoint, Vec<CubicSpiral>)> {
-        /// Shorter rests are left to the fresh root, m.
+        /// Shorter remainders are replanned from the start, m.
         const WORTH_KEEPING: f64 = 1.0;
         let (station, _, spiral) = self.plan.path.pieces().take_while(|(s, ..)| *s <= self.station).last()?;
         let from = self.station - station;
-        let rest = (spiral.length - from > WORTH_KEEPING).then(|| spiral.part(from, spiral.length))?;
-        Some((rest.point_at(&self.pose, rest.length), vec![rest]))
+        let remainder = (spiral.length - from > WORTH_KEEPING).then(|| spiral.part(from, spiral.length))?;
+        Some((remainder.point_at(&self.pose, remainder.length), vec![remainder]))
     }
 
-    /// How far a path from here on leaves the plan in force: the largest distance beside it over the way that both have
-    /// ahead, m.
+    /// Departure of a path from the committed plan: their largest lateral distance over their common length, m.
     pub(super) fn departure(&self, path: &Path) -> f64 {
         self.commitment(path, 1.0).cost(path)
     }
 
-    /// What a path and its refinements pay for leaving the plan in force, at a price per metre of [`CommittedPlan::departure`].
-    pub(super) fn commitment(&self, path: &Path, price: f64) -> Commitment {
-        let both = (self.plan.path.length() - self.station).min(path.length());
+    /// The cost of leaving the committed plan for a path and its refinements, with a weight per metre of
+    /// [`CommittedPlan::departure`].
+    pub(super) fn commitment(&self, path: &Path, weight: f64) -> Commitment {
+        let common = (self.plan.path.length() - self.station).min(path.length());
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of points
-        let points = (both / SPACING).max(0.0) as usize;
+        let points = (common / SPACING).max(0.0) as usize;
         let compared = (1..=points).map(|i| SPACING * i as f64);
         let poses = compared.map(|ahead| (ahead, self.plan.path.at(self.station + ahead).pose)).collect();
-        Commitment { poses, price, most: ANOTHER_WAY }
+        Commitment { poses, weight, max_distance: MAX_DEPARTURE }
     }
 
-    /// Whether a path from here on is another way than the plan in force, not the same one found anew.
-    pub(super) fn is_another_way(&self, path: &Path) -> bool {
-        self.departure(path) > SAME_WAY
+    /// Whether a path differs from the committed one by more than the discretisation of the search.
+    pub(super) fn is_different_path(&self, path: &Path) -> bool {
+        self.departure(path) > SAME_PATH
     }
 
-    /// How far the plan in force was driven since it was taken, m.
-    pub(super) fn driven(&self) -> f64 {
+    /// Distance driven on the committed plan, m.
+    pub(super) fn driven_distance(&self) -> f64 {
         self.station
     }
 
-    /// How far it will have come at a time (s of the run), m from here.
+    /// Progress of the committed plan from here at a time (s of the run), m.
     pub(super) fn progress(&self, time: f64) -> f64 {
         self.plan.at(time).station - self.station
     }
 
-    /// Whether a plan that will soon have come to a station (m from here), or have come to rest there, is worth leaving the
-    /// plan in force for, close to its stop.
+    /// Whether a plan may replace the committed one, given its station after the travel-time horizon or at its standstill
+    /// (m from here). Always, except in the final approach.
     pub(super) fn is_worth_leaving(&self, soon_at: f64) -> bool {
-        let rest = self.plan.profile.last().station - self.station;
-        rest >= FINAL_APPROACH || soon_at - rest >= WORTH_MOVING
+        let to_standstill = self.plan.profile.last().station - self.station;
+        to_standstill >= FINAL_APPROACH || soon_at - to_standstill >= WORTH_MOVING
     }
 }
 
@@ -108,14 +108,14 @@ mod tests {
     use crate::fixtures::{knot, straight};
     use crate::trajectory::SpeedProfile;
 
-    /// Straight on along x in pieces of 20 m, to rest at 60 m.
+    /// Straight along x in pieces of 20 m, to standstill at 60 m.
     fn plan() -> Trajectory {
         let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral::straight(20.0); 4]).unwrap();
         let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 10.0, 0.0), knot(6.0, 60.0, 0.0, 0.0)]).unwrap();
         Trajectory { start_time: 0.0, path, profile }
     }
 
-    fn seen_from(plan: &Trajectory, station: f64) -> CommittedPlan<'_> {
+    fn at_station(plan: &Trajectory, station: f64) -> CommittedPlan<'_> {
         CommittedPlan { plan, pose: plan.path.at(station).pose, station }
     }
 
@@ -124,72 +124,72 @@ mod tests {
     }
 
     #[test]
-    fn the_plan_itself_costs_nothing_however_far_it_is_driven_and_a_parting_way_its_largest_distance() {
+    fn departure_is_zero_for_the_plan_itself_and_else_the_largest_lateral_distance() {
         let plan = plan();
         for station in [0.0, 7.3, 19.9, 33.0] {
-            let here = seen_from(&plan, station);
+            let here = at_station(&plan, station);
             assert!(here.departure(&straight_from(station, 0.0, 0.0)) < 1e-12);
             let (left, right) = (straight_from(station, 0.0, 0.05), straight_from(station, 0.0, -0.05));
             let reach = SPACING * ((80.0 - station).min(60.0) / SPACING).floor();
             assert!((here.departure(&left) - reach * 0.05_f64.sin()).abs() < 1e-9);
             assert_eq!(here.departure(&left), here.departure(&right));
         }
-        assert_eq!(seen_from(&plan, 10.0).departure(&straight_from(10.0, 0.0, 0.5)), ANOTHER_WAY);
-        // nothing left to compare
-        assert_eq!(seen_from(&plan, 79.0).departure(&straight_from(79.0, 0.0, 0.5)), 0.0);
+        assert_eq!(at_station(&plan, 10.0).departure(&straight_from(10.0, 0.0, 0.5)), MAX_DEPARTURE);
+        // no common length
+        assert_eq!(at_station(&plan, 79.0).departure(&straight_from(79.0, 0.0, 0.5)), 0.0);
     }
 
     #[test]
-    fn what_is_kept_is_the_rest_of_the_edge_being_driven() {
+    fn keeps_the_remainder_of_the_present_edge() {
         let plan = plan();
-        let (end, kept) = seen_from(&plan, 27.0).kept().unwrap();
+        let (end, kept) = at_station(&plan, 27.0).kept().unwrap();
         assert!((kept[0].length - 13.0).abs() < 1e-9 && (end.pose.position.x - 40.0).abs() < 1e-9);
-        assert!(seen_from(&plan, 39.5).kept().is_none(), "half a metre is not worth it");
+        assert!(at_station(&plan, 39.5).kept().is_none(), "half a metre is too short");
     }
 
     #[test]
-    fn another_way_is_one_that_parts_by_more_than_the_same_way_found_anew() {
+    fn paths_differ_above_the_tolerance() {
         let plan = plan();
-        let here = seen_from(&plan, 10.0);
+        let here = at_station(&plan, 10.0);
         for side in [-1.0, 1.0] {
-            assert!(!here.is_another_way(&straight_from(10.0, side * 0.4, 0.0)));
-            assert!(here.is_another_way(&straight_from(10.0, side * 0.6, 0.0)));
+            assert!(!here.is_different_path(&straight_from(10.0, side * 0.4, 0.0)));
+            assert!(here.is_different_path(&straight_from(10.0, side * 0.6, 0.0)));
         }
     }
 
     #[test]
-    fn progress_counts_from_where_the_plan_is_seen_from_and_ends_at_its_rest() {
+    fn progress_starts_at_the_present_station_and_ends_at_standstill() {
         let plan = plan();
-        let here = seen_from(&plan, 10.0);
-        assert_eq!(here.driven(), 10.0);
-        let rests = plan.profile.last().station;
-        assert_eq!(here.progress(100.0), rests - 10.0);
+        let here = at_station(&plan, 10.0);
+        assert_eq!(here.driven_distance(), 10.0);
+        let standstill = plan.profile.last().station;
+        assert_eq!(here.progress(100.0), standstill - 10.0);
         assert!(here.progress(2.0) < here.progress(3.0));
     }
 
     #[test]
-    fn only_real_progress_ends_a_final_approach() {
+    fn only_sufficient_progress_ends_a_final_approach() {
         let plan = plan();
-        let far = seen_from(&plan, 40.0);
-        assert!(far.is_worth_leaving(10.0), "twenty metres from rest plans are renewed");
-        let near = seen_from(&plan, 57.0);
+        let far = at_station(&plan, 40.0);
+        assert!(far.is_worth_leaving(10.0), "twenty metres before standstill every plan may replace it");
+        let near = at_station(&plan, 57.0);
         assert!(!near.is_worth_leaving(3.5) && !near.is_worth_leaving(0.0));
         assert!(near.is_worth_leaving(4.5));
     }
 
-    /// Two ways whose costs take turns: the choice changes only when their difference has changed by twice the price.
+    /// Two paths with alternating costs: the plan changes only if their difference changes by twice the cost of leaving.
     #[test]
-    fn costs_that_waver_by_less_than_twice_the_price_never_change_the_plan() {
+    fn cost_fluctuations_below_twice_the_leaving_cost_never_change_the_plan() {
         let (a, b) = (straight_from(0.0, 0.0, 0.0), straight_from(0.0, 0.0, 0.02));
         let profile = SpeedProfile::new(vec![knot(0.0, 0.0, 1.0, 0.0), knot(1.0, 50.0, 0.0, 0.0)]).unwrap();
-        let switches = |waver: f64, price: f64| {
+        let switches = |amplitude: f64, weight: f64| {
             let mut committed_plan = &a;
             let mut count = 0;
             for cycle in 0..100 {
                 let plan = Trajectory { start_time: 0.0, path: committed_plan.clone(), profile: profile.clone() };
-                let here = seen_from(&plan, 0.0);
-                let cost_a = price * here.departure(&a);
-                let cost_b = waver * f64::from(cycle).sin() + price * here.departure(&b);
+                let here = at_station(&plan, 0.0);
+                let cost_a = weight * here.departure(&a);
+                let cost_b = amplitude * f64::from(cycle).sin() + weight * here.departure(&b);
                 let best = if cost_b < cost_a { &b } else { &a };
                 count += usize::from(best != committed_plan);
                 committed_plan = best;
@@ -199,6 +199,6 @@ mod tests {
         let apart = 60.0 * 0.02_f64.sin();
         assert!(switches(0.99 * apart, 0.0) > 20);
         assert_eq!(switches(0.99 * apart, 1.0), 0);
-        assert!(switches(1.5 * apart, 1.0) > 0, "a better way is taken all the same");
+        assert!(switches(1.5 * apart, 1.0) > 0, "a better path must replace the plan");
     }
 }

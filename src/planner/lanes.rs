@@ -1,4 +1,4 @@
-//! Lanes to consider: the corridors of the route, each with its reference line, goal and kept lattice edges.
+//! The lanes of the route, each with its reference line, goal and cached lattice edges.
 
 use super::goal::GoalOnLane;
 use crate::geometry::{Point, Pose};
@@ -11,37 +11,40 @@ use crate::vehicle::Vehicle;
 /// A lane that the planner may follow.
 pub(super) struct Lane {
     pub(super) reference: ReferenceLine,
-    /// The lanelet that the line ends on.
+    /// The last lanelet of the reference line.
     last_lanelet: LaneletId,
-    /// The reference line sampled, for records.
+    /// Samples of the reference line, for records.
     pub(super) samples: Vec<Point>,
-    /// Whether the vehicle is on it when the route is planned.
+    /// Whether the vehicle was on this lane when the route was planned.
     pub(super) is_current: bool,
-    /// Price of being on it, in lane changes.
+    /// Number of lane changes from this lane that the route still needs.
     pub(super) lane_changes_to_go: u32,
     pub(super) goal: Option<GoalOnLane>,
-    /// Station beyond which the goal, which lies on another lane, would be missed, m.
+    /// Last station before a goal on another lane is missed, m.
     pub(super) goal_missed_at: Option<f64>,
-    /// Time at which the last chance to reach the goal ends, s of the run; infinite without a goal position.
+    /// Latest time at which the goal can be reached, s of the run; infinite without a goal position.
     pub(super) goal_deadline: f64,
-    /// Stretches on which resting is not allowed, m.
+    /// Station intervals in which stopping is not allowed, m.
     pub(super) no_stopping: Vec<(f64, f64)>,
-    /// Lattice edges kept from cycle to cycle, for each collision world.
+    /// Cached lattice edges, for each collision world.
     pub(super) stores: [EdgeStore; 3],
 }
 
 /// Why there is no lane to drive on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoLane {
-    /// The start lies on no lane, nor near one.
+    /// The start is neither on a lane nor near one.
     StartOffRoad,
-    /// No lane graph path leads to the goal.
+    /// The lane graph has no path to the goal.
     GoalUnreachable,
-    /// No reference line could be laid along the lanes found.
+    /// No lane of the route has a reference line.
     NoReference,
 }
 
 impl NoLane {
+    /// Every reason.
+    pub const ALL: [Self; 3] = [Self::StartOffRoad, Self::GoalUnreachable, Self::NoReference];
+
     /// The stable code used in reports.
     #[must_use]
     pub fn code(self) -> &'static str {
@@ -51,24 +54,38 @@ impl NoLane {
             Self::NoReference => "no_reference_line",
         }
     }
+
+    /// The positions and lanelets behind the reason, as a sentence; `None` if there is nothing to add to the code.
+    #[must_use]
+    pub fn detail(self, scenario: &Scenario, problem: &PlanningProblem) -> Option<String> {
+        let (network, start, settings) = (&scenario.network, &problem.initial.centre, route_settings());
+        match self {
+            Self::StartOffRoad => Some(route::explain::off_road(network, start, &settings)),
+            Self::GoalUnreachable => Some(route::explain::unreachable(network, start, &problem.goals, &settings)),
+            Self::NoReference => None,
+        }
+    }
 }
 
-/// Lane types inside which a vehicle must not come to rest.
+/// Lane types in which a vehicle must not stop.
 const KEPT_FREE: [&str; 2] = ["intersection", "crosswalk"];
 
-/// Road looked at along the route, m.
+/// Length of the route ahead, m.
 const LOOK_AHEAD: f64 = 450.0;
 
+fn route_settings() -> RouteSettings {
+    RouteSettings { look_ahead: LOOK_AHEAD, ..RouteSettings::default() }
+}
+
 impl Lane {
-    /// The lanes to consider from a pose of the vehicle's centre.
+    /// The lanes of the route from a pose of the vehicle's centre.
     pub(super) fn all(
         scenario: &Scenario,
         problem: &PlanningProblem,
         centre: &Pose,
         vehicle: &Vehicle,
     ) -> Result<Vec<Self>, NoLane> {
-        let route_settings = RouteSettings { look_ahead: LOOK_AHEAD, ..RouteSettings::default() };
-        let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings) {
+        let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings()) {
             RouteOutcome::Found(route) => route,
             RouteOutcome::Unreachable(_) => return Err(NoLane::GoalUnreachable),
             RouteOutcome::OffRoad => return Err(NoLane::StartOffRoad),
@@ -85,7 +102,7 @@ impl Lane {
         if lanes.is_empty() { Err(NoLane::NoReference) } else { Ok(lanes) }
     }
 
-    /// Tells the lanes beside the goal where it would be missed.
+    /// Sets the station at which a goal on another lane is missed.
     fn mark_missed_goal(lanes: &mut [Self]) {
         let Some(point) = lanes.iter().find_map(|l| {
             let goal = l.goal.as_ref()?;
@@ -99,7 +116,7 @@ impl Lane {
         }
     }
 
-    /// Whether the network has road behind the end of this lane's reference line.
+    /// Whether the road continues beyond the end of the reference line.
     pub(super) fn goes_on(&self, scenario: &Scenario) -> bool {
         scenario.network.lanelets.get(&self.last_lanelet).is_some_and(|l| !l.successors.is_empty())
     }
@@ -133,7 +150,8 @@ fn deadline(problem: &PlanningProblem) -> f64 {
     times.reduce(f64::max).unwrap_or(f64::INFINITY)
 }
 
-/// The lanelets of a chain up to the first gap: files name successors that begin elsewhere, and a line must not leap.
+/// The lanelets of a chain up to the first gap: some files name successors that begin elsewhere, and a reference line must be
+/// continuous.
 fn joined<'a>(network: &RoadNetwork, chain: &'a [LaneletId]) -> &'a [LaneletId] {
     /// Larger distances between the end of a lanelet and its successor are gaps, m.
     const GAP: f64 = 3.0;
@@ -145,7 +163,7 @@ fn joined<'a>(network: &RoadNetwork, chain: &'a [LaneletId]) -> &'a [LaneletId] 
     &chain[..gap.map_or(chain.len(), |i| i + 1)]
 }
 
-/// Stretches of the line inside lanelets in which resting is not allowed, for the vehicle's rear axle.
+/// Station intervals of the line inside lanelets in which stopping is not allowed, for the rear axle.
 fn kept_free(scenario: &Scenario, line: &ReferenceLine) -> Vec<(f64, f64)> {
     /// Sampling of the line, m.
     const STEP: f64 = 1.0;

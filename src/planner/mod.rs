@@ -1,15 +1,24 @@
-//! The planner: the stages called in order, once a cycle; keeps the committed plan.
+//! The planner: runs the stages of a planning cycle in order and keeps the committed plan.
 //!
-//! A cycle starts from the committed trajectory (not from the measured state, so that the reference stays continuous;
-//! a large tracking error restarts it from the measurement), builds lattice paths on every lane that leads to the goal,
-//! lets SafeTLP search the speed on them and commits to the best pair of path and speed **whose stop is proven**. If
-//! there is none, the last proven plan goes on to its stop.
+//! # A cycle
 //!
-//! When the plan in force is left for another is one rule, in `hysteresis`.
+//! 1. It starts from the committed trajectory, so that the setpoints stay continuous. After a large tracking error it
+//!    starts from the measured state instead.
+//! 2. It builds lattice paths on every lane that leads to the goal.
+//! 3. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
+//!    stop is proven**.
+//! 4. It refines the chosen path, smooths its speed profile and commits the result. If no plan is proven, the previous
+//!    plan continues, at the latest to its stop.
 //!
-//! What a proof may use is tried in levels (`Level`): with margins and the aggressive deceleration first, then without
-//! margins, then with harder braking. Each plan says which it needed. Where the settings ask for it, proofs against all
-//! motions around the predicted ones are tried before (`traffic`).
+//! A single rule decides when a new plan replaces the committed one (`hysteresis`).
+//!
+//! # Levels
+//!
+//! The limits of a plan and its proof depend on the level (`Level`). The planner tries the levels in order: with margins and
+//! the aggressive deceleration, without margins, with harder braking. Each plan records the deceleration that it needed.
+//! If the settings ask for it, the planner tries robust proofs first (`traffic`).
+//!
+//! Weak: a cycle without a proven plan tries every level and takes the longest, when time matters most.
 
 mod candidate;
 mod choice;
@@ -43,13 +52,13 @@ use crate::vehicle::{State, Vehicle};
 
 pub use self::lanes::NoLane;
 
-/// MotionPlanner for one vehicle in one scenario, cycle by cycle.
+/// Planner for one vehicle in one scenario, cycle by cycle.
 pub struct Planner<'a> {
     scenario: &'a Scenario,
     problem: &'a PlanningProblem,
     vehicle: &'a Vehicle,
     settings: &'a Settings,
-    /// With margins, without margins, without margins and finely resolved.
+    /// The collision worlds: with margins, without margins, without margins at a fine resolution.
     worlds: [CollisionWorld; 3],
     lanes: Result<Vec<Lane>, NoLane>,
     traffic: Traffic,
@@ -60,21 +69,22 @@ pub struct Planner<'a> {
     end_time: f64,
 }
 
-/// The plan in force.
+/// The committed plan.
 #[derive(Clone)]
 struct Committed {
     trajectory: Trajectory,
+    /// Largest deceleration of its proof, m/s².
     deceleration: f64,
-    /// False for the emergency stop that stands in where nothing was ever proven.
+    /// False for the emergency stop that is used if no plan was ever proven.
     is_proven: bool,
     smoothing: Smoothing,
     is_refined: bool,
-    /// Its cost without those of falling behind and of leaving the plan before it.
-    way_cost: f64,
+    /// Its cost without `travel_time` and `plan_change`.
+    path_cost: f64,
     robust: bool,
 }
 
-/// What proofs may use in one attempt.
+/// Limits of plans and proofs in one attempt.
 #[derive(Clone, Copy)]
 struct Level {
     /// Index of the collision world.
@@ -85,28 +95,28 @@ struct Level {
     braking: f64,
     /// Largest deceleration of proofs, m/s².
     deceleration: f64,
-    /// Share of that deceleration that the search uses; the smoothing has the rest.
+    /// Fraction of that deceleration that the search uses; smoothing needs the remainder.
     search_share: f64,
-    /// Factor on the cruising speed.
+    /// Factor on the cruise speed.
     speed_factor: f64,
-    /// Time by which moving obstacles are given way, s.
+    /// Time gap to moving obstacles, s.
     time_gap: f64,
-    /// Whether resting in junctions is forbidden.
+    /// Whether stopping in junctions is forbidden.
     junctions_kept_free: bool,
-    /// Lateral acceleration that no path may ask for, m/s².
+    /// Upper bound of the lateral acceleration of paths, m/s².
     lateral_limit: f64,
-    /// Whether proofs must hold for all motions of the traffic within the bounds, not for the predicted ones alone.
+    /// Whether proofs must hold for all obstacle motions within the bounds.
     robust: bool,
 }
 
-/// Where a cycle plans from.
+/// Start state of a cycle.
 struct Start {
     point: TrajectoryPoint,
-    /// Whether it lies on the committed trajectory.
+    /// Whether it is on the committed trajectory.
     on_plan: bool,
 }
 
-/// Why planning can't even begin.
+/// Why a planner cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum PlannerError {
     /// A setting is out of its range.
@@ -115,10 +125,10 @@ pub enum PlannerError {
 }
 
 impl<'a> Planner<'a> {
-    /// Prepares planning: collision worlds, routes and reference lines.
+    /// Prepares planning: builds collision worlds, routes and reference lines. `end_time` is the latest end of the run, s.
     ///
     /// # Errors
-    /// A setting out of its range. No lane to drive on is an outcome: [`Planner::no_lane`].
+    /// A setting out of its range. A missing lane is an outcome, not an error: [`Planner::no_lane`].
     pub fn new(
         scenario: &'a Scenario,
         problem: &'a PlanningProblem,
@@ -158,24 +168,24 @@ impl<'a> Planner<'a> {
         })
     }
 
-    /// Why there is no lane to drive on, if there is none.
+    /// The reason why there is no lane to drive on; `None` if there is one.
     #[must_use]
     pub fn no_lane(&self) -> Option<NoLane> {
         self.lanes.as_ref().err().copied()
     }
 
-    /// Time after which nothing moves any more, s of the run.
+    /// End of the predictions, s of the run.
     #[must_use]
     pub fn prediction_end(&self) -> f64 {
         self.horizon
     }
 
-    /// One planning cycle: returns its record, with the trajectory to follow from now on.
+    /// Runs one planning cycle and returns its record with the committed trajectory.
     pub fn cycle(&mut self, state: &State) -> Cycle {
         let begun = Instant::now();
         let start = self.start(state);
         self.follow_route(&start);
-        self.look_at_traffic(&start);
+        self.update_traffic(&start);
         let mut record = CycleRecord::default();
         let levels = self.levels();
         let choice = levels.iter().enumerate().find_map(|(attempt, level)| {
@@ -193,12 +203,12 @@ impl<'a> Planner<'a> {
                 let (profile, smoothing) = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
-                let way_cost = choice.path.terms.total() - choice.path.terms.plan_change;
+                let path_cost = choice.path.terms.total() - choice.path.terms.plan_change;
                 let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
                 let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
                 let (is_proven, robust) = (true, level.robust);
                 let committed =
-                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, robust };
+                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, path_cost, robust };
                 self.committed = Some(committed);
                 (decision, choice.proven.blocked)
             }
@@ -231,7 +241,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// MotionPlanner the route anew where the lanes in hand end too soon, or where the vehicle has changed to another one.
+    /// Plans the route again if the current lane ends within the horizon or the vehicle has changed lanes.
     fn follow_route(&mut self, start: &Start) {
         let Ok(lanes) = &self.lanes else { return };
         let centre = self.vehicle.centre_of_rear_axle(&start.point.pose);
@@ -242,7 +252,7 @@ impl<'a> Planner<'a> {
         let Some(current) = lanes.iter().find(|l| l.is_current) else { return };
         let (ahead, offset) = on(current);
         let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
-        let ends_soon = ahead < self.settings.longest_horizon && current.goes_on(self.scenario);
+        let ends_soon = ahead < self.settings.max_horizon && current.goes_on(self.scenario);
         if (changed || ends_soon)
             && let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle)
         {
@@ -250,8 +260,8 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The levels in the order in which they are tried. While a proven plan is in force there is no reason to go beyond
-    /// what it needed.
+    /// The levels in the order of the attempts. With a committed plan, levels that brake harder than its proof are
+    /// unnecessary.
     fn levels(&self) -> Vec<Level> {
         let aggressive = self.vehicle.comfort.aggressive_deceleration;
         let lateral_limit = LATERAL_HEADROOM * self.vehicle.comfort.lateral_acceleration;
@@ -280,7 +290,7 @@ impl<'a> Planner<'a> {
             deceleration: e.deceleration,
             search_share: 1.0,
             speed_factor: if e.acceleration > self.vehicle.comfort.acceleration {
-                self.settings.emergency_speed
+                self.settings.emergency_speed_factor
             } else {
                 1.0
             },
@@ -289,17 +299,17 @@ impl<'a> Planner<'a> {
             lateral_limit: EMERGENCY_LATERAL,
             robust: false,
         }));
-        // bumper to bumper, cells of half a metre and slices of a tenth of a second are too coarse
+        // for bumper-to-bumper traffic, cells of half a metre and slices of a tenth of a second are too coarse
         if let (None, Some(hardest)) = (&self.committed, levels.last().copied()) {
             levels.push(Level { world: 2, ..hardest });
         }
         if let Some(committed) = &self.committed {
             levels.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
         }
-        self.with_sets(levels)
+        self.with_robust_levels(levels)
     }
 
-    /// Where to plan from: the committed trajectory now, or the measured state if that is too far from it.
+    /// The start state: on the committed trajectory, or the measured state if its tracking error is too large.
     fn start(&self, state: &State) -> Start {
         if let Some(committed) = &self.committed {
             let point = committed.trajectory.at(state.time);
@@ -322,26 +332,26 @@ impl<'a> Planner<'a> {
         Start { point, on_plan: false }
     }
 
-    /// The cheapest pair of path and speed whose stop is proven on this level.
+    /// The cheapest pair of path and speed with a proven stop on this level.
     fn choose(&mut self, start: &Start, level: Level, record: &mut CycleRecord) -> Option<Choice> {
         let mut best: Option<Choice> = None;
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
-            let found = self.lattice_paths(start, lane, level, &mut record.edges);
+            let paths = self.lattice_paths(start, lane, level, &mut record.edges);
             record.seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
-            self.evaluate_all(start, lane, level, found, &mut best, record);
+            self.evaluate_all(start, lane, level, paths, &mut best, record);
             record.seconds.speed += begun.elapsed().as_secs_f64();
         }
         best
     }
 
-    /// Lattice paths on a lane, from the start and from the end of the committed edge, with the terms that depend on
-    /// the lane and on the committed path.
+    /// Lattice paths on a lane, from the start and from the end of the committed edge, including the cost terms that depend
+    /// on the lane and on the committed path. In order of cost.
     fn lattice_paths(&mut self, start: &Start, lane: usize, level: Level, counts: &mut EdgeCounts) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
-        let horizon = (stopping + 2.0 * speed).clamp(self.settings.shortest_horizon, self.settings.longest_horizon);
+        let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
         let world = &self.worlds[level.world];
         let roots = self.roots(start, world);
         let full_speed_curvature = self.full_speed_curvature(start, level);
@@ -349,13 +359,13 @@ impl<'a> Planner<'a> {
         let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
         let context = context(self.vehicle, &lane.reference, world, full_speed_curvature);
-        // a lane change that the goal needs gets dearer to put off as its time runs out
+        // the cost of postponing a lane change that the goal requires rises as time and distance run out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
-        let way_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
+        let distance_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
         let urgency = 1.0
             + ((URGENT_TIME - time_left) / URGENCY_TIME_STEP).max(0.0)
-            + ((URGENT_WAY - way_left) / URGENCY_WAY_STEP).max(0.0);
+            + ((URGENT_DISTANCE - distance_left) / URGENCY_DISTANCE_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[level.world];
@@ -373,7 +383,7 @@ impl<'a> Planner<'a> {
         all
     }
 
-    /// The curvature that takes all the lateral acceleration that paths are planned for at the speed of the start, 1/m.
+    /// The curvature with the planned lateral acceleration at the start speed, 1/m.
     fn full_speed_curvature(&self, start: &Start, level: Level) -> f64 {
         planned_lateral(self.settings, self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
@@ -392,7 +402,7 @@ impl<'a> Planner<'a> {
         Situation {
             vehicle: self.vehicle,
             settings: self.settings,
-            traffic: self.counted(&level),
+            traffic: self.predictions_for(&level),
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -412,23 +422,29 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The choice's profile made jerk-limited, if it can be proved again; else as it was searched.
+    /// The jerk-limited profile of the choice if it passes reverification, else the raw profile.
     fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
-        let Proven { problem, target_speed_limits, searched, .. } = &*choice.proven;
+        let Proven { problem, target_speed_limits, raw_profile, .. } = &*choice.proven;
         let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        match smoothing::smooth_and_prove(problem, target_speed_limits, searched, start.point.acceleration, &settings) {
+        match smoothing::smooth_and_prove(
+            problem,
+            target_speed_limits,
+            raw_profile,
+            start.point.acceleration,
+            &settings,
+        ) {
             Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
             Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
-            Err(why) => (searched.clone(), Smoothing::Unsmoothed(why)),
+            Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why)),
         }
     }
 
-    /// Whether the plan in force is to be left for the best one found.
+    /// Whether the choice replaces the committed plan.
     fn is_worth_taking(&self, start: &Start, level: Level, choice: &Choice, record: &mut CycleRecord) -> bool {
-        let soon = choice.proven.searched.last().station.min(choice.proven.progress);
+        let soon = choice.proven.raw_profile.last().station.min(choice.proven.progress);
         let worth = committed_plan(self.committed.as_ref(), start).is_none_or(|plan| {
             plan.is_worth_leaving(soon)
-                && (!plan.is_another_way(&choice.path.path)
+                && (!plan.is_different_path(&choice.path.path)
                     || self
                         .staying(start, level, choice, &plan)
                         .is_none_or(|staying| rank(choice.cost) < rank(staying)))
@@ -439,9 +455,8 @@ impl<'a> Planner<'a> {
         worth
     }
 
-    /// What going on along the plan in force costs, where it is proven by no harder braking and against no less than the
-    /// choice: its way's cost as it was when it was chosen, the way that it has come to miss since, and how far it falls
-    /// behind from here.
+    /// Cost of keeping the committed plan: the cost of its path when it was chosen, the progress shortfall since then, and
+    /// its travel time from here. `None` if its proof brakes harder or is weaker than that of the choice.
     fn staying(&self, start: &Start, level: Level, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
         let is_as_safe =
             |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.robust >= level.robust;
@@ -450,13 +465,17 @@ impl<'a> Planner<'a> {
         let weights = &self.settings.lattice.weights;
         let behind =
             self.situation(start, lane, level).free_progress() - plan.progress(start.point.time + TRAVEL_TIME_HORIZON);
-        Some(committed.way_cost + weights.progress_shortfall * plan.driven() + weights.travel_time * behind.max(0.0))
+        Some(
+            committed.path_cost
+                + weights.progress_shortfall * plan.driven_distance()
+                + weights.travel_time * behind.max(0.0),
+        )
     }
 
-    /// No proven plan has ever been found: straight on along the present curvature, braking as hard as allowed.
+    /// Emergency braking along the present curvature, for a vehicle that never had a proven plan.
     fn emergency_stop(&self, start: &Start) -> Committed {
         let p = &start.point;
-        let deceleration = self.settings.emergency.last().map_or(HARDEST_BRAKING, |e| e.deceleration);
+        let deceleration = self.settings.emergency.last().map_or(MAX_BRAKING, |e| e.deceleration);
         let bound = self.vehicle.max_curvature();
         let k = p.curvature.clamp(-bound, bound);
         let length = p.speed * p.speed / (2.0 * deceleration) + 1.0;
@@ -480,57 +499,57 @@ impl<'a> Planner<'a> {
         let smoothing = Smoothing::EmergencyStop;
         match (trajectory, &self.committed) {
             (Some(trajectory), _) => {
-                let (is_proven, is_refined, robust, way_cost) = (false, false, false, 0.0);
-                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, way_cost, robust }
+                let (is_proven, is_refined, robust, path_cost) = (false, false, false, 0.0);
+                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, path_cost, robust }
             }
             (None, Some(committed)) => committed.clone(),
-            (None, None) => unreachable!("one spiral makes a path and one knot a profile"),
+            (None, None) => unreachable!("one spiral is a path and one knot is a profile"),
         }
     }
 }
 
-/// Margin of the collision world without margins: what tracking needs at the least.
+/// Remaining margin of the collision world without margins, m: the smallest tracking error.
 const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.01, longitudinal: 0.01 };
-/// Station cells of the finely resolved world, m.
+/// Station cells of the world at a fine resolution, m.
 const FINE_SPACING: f64 = 0.1;
-/// Time slices of the finely resolved world, s.
+/// Time slices of the world at a fine resolution, s.
 const FINE_SLICE: f64 = 0.025;
-/// How far beyond the run's end predictions are looked at, s.
+/// Length of the predictions beyond the end of the run, s.
 const PREDICTION_BEYOND_END: f64 = 15.0;
-/// Share of the vehicle's curvature that paths may use; the rest is the tracking controller's.
+/// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
 const CURVATURE_SHARE: f64 = 0.95;
-/// Share of the comfortable lateral acceleration that paths may ask for; the rest is the tracking controller's.
+/// Fraction of the comfortable lateral acceleration that paths may use; the tracking controller has the remainder.
 const LATERAL_HEADROOM: f64 = 0.9;
-/// Time to the goal's deadline below which lane changes get urgent, s.
+/// Time to the deadline of the goal below which the cost of lane changes rises, s.
 const URGENT_TIME: f64 = 8.0;
-/// Time by which the price of a lane change rises once, s.
+/// Time per rise of the cost of a lane change by its base value, s.
 const URGENCY_TIME_STEP: f64 = 2.0;
-/// Way to where the goal would be missed below which lane changes get urgent, m.
-const URGENT_WAY: f64 = 80.0;
-/// Way by which the price of a lane change rises once, m.
-const URGENCY_WAY_STEP: f64 = 20.0;
-/// Share of the aggressive deceleration that searches count on; a jerk-limited stop needs the rest to build up.
+/// Distance to the last station of the goal below which the cost of lane changes rises, m.
+const URGENT_DISTANCE: f64 = 80.0;
+/// Distance per rise of the cost of a lane change by its base value, m.
+const URGENCY_DISTANCE_STEP: f64 = 20.0;
+/// Fraction of the aggressive deceleration that the search uses; a jerk-limited stop needs the remainder to build up.
 const SEARCH_SHARE: f64 = 0.85;
-/// A run that goes on for longer than this will come to the end of a road that ends ahead, s.
+/// A run with more remaining time than this can reach the end of a road that ends ahead, s.
 const LONG_RUN: f64 = 10.0;
-/// Share of an emergency's deceleration that its nominal braking uses; the proofs have the rest.
+/// Fraction of an emergency deceleration for nominal braking; proofs may use all of it.
 const NOMINAL_SHARE: f64 = 0.75;
-/// Time gap where the wanted one proves nothing, s: room for the smoothing.
+/// Time gap if no plan is proven with the one of the settings, s: a reserve for smoothing.
 const SHORT_GAP: f64 = 0.15;
-/// Braking where the settings name no emergency limits, m/s²: inside dry friction.
-const HARDEST_BRAKING: f64 = 8.0;
-/// Lateral acceleration of emergency paths, m/s²: well inside dry friction, with braking on top.
+/// Emergency braking if the settings have no emergency limits, m/s²: within dry friction.
+const MAX_BRAKING: f64 = 8.0;
+/// Lateral acceleration of emergency paths, m/s²: within dry friction, combined with braking.
 const EMERGENCY_LATERAL: f64 = 5.0;
-/// Slower than this is at rest, m/s: edges at such speeds would last for minutes.
+/// Speeds below this count as standstill, m/s: an edge at such a speed would take minutes.
 const STANDSTILL_SPEED: f64 = 0.02;
-/// Lateral distance from a reference line within which the vehicle is on that lane, m.
+/// Largest lateral distance from the reference line of a lane at which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
 
-/// What the collision check overlooks for a vehicle that stands inside a margin or partly off the road.
+/// The allowance of collision checks for a vehicle that stands inside a margin or partly off the road.
 fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
-    /// Way given to leave a margin, m.
+    /// Distance within which the vehicle must leave a margin, m.
     const LEAVE_MARGIN: f64 = 6.0;
-    /// Way given to return to the road, m.
+    /// Distance within which the vehicle must return to the road, m.
     const RETURN_TO_ROAD: f64 = 15.0;
     let here = world.sweep(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
     if world.static_hit(&here).is_none() {
@@ -543,7 +562,7 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
     }
 }
 
-/// What the lattice of a lane is built on.
+/// The lattice context of a lane.
 fn context<'a>(
     vehicle: &Vehicle,
     reference: &'a ReferenceLine,
@@ -554,16 +573,16 @@ fn context<'a>(
     LatticeContext { reference, world, max_curvature, full_speed_curvature, half_width }
 }
 
-/// The plan in force, if planning starts on it.
+/// The committed plan, if planning starts on it.
 fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<CommittedPlan<'c>> {
     committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, &start.point))
 }
 
-/// What a cycle collects on its way.
+/// The parts of a [`Cycle`] that accumulate while it runs.
 #[derive(Default)]
 struct CycleRecord {
     candidates: Vec<Candidate>,
-    /// The attempt that is being made.
+    /// Index of the present attempt.
     attempt: usize,
     chosen: Option<usize>,
     edges: EdgeCounts,

@@ -1,4 +1,4 @@
-//! What a planning cycle leaves behind for reports, pictures and recordings.
+//! Records of planning cycles, for reports, pictures and recordings.
 
 use std::fmt;
 
@@ -7,50 +7,51 @@ use crate::lattice::{CostTerms, EdgeCounts};
 use crate::speed::smoothing;
 use crate::trajectory::{Path, Trajectory};
 
-/// What one planning cycle saw and chose. Everything that pictures, recordings and reports need.
+/// Record of one planning cycle: the candidates, the decision and its reasons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cycle {
-    /// Time of the run at which the cycle ran, s.
+    /// Time of the cycle, s of the run.
     pub time: f64,
-    /// The trajectory committed from this time on: the new plan, or the last one when no new plan was proven.
+    /// The trajectory that is committed from this time on: a new plan, or the previous one if no new plan was accepted.
     pub committed: Trajectory,
-    /// What was decided.
+    /// The decision of the cycle.
     pub decision: Decision,
-    /// The reference line used, sampled.
+    /// Sampled reference line of the chosen lane, m; empty unless a new plan was committed.
     pub reference: Vec<Point>,
-    /// The candidates, in a stable order.
+    /// The candidate paths, in a deterministic order.
     pub candidates: Vec<Candidate>,
-    /// Station × time cells blocked on the committed path, as (station interval, time interval): m on the committed
-    /// path, s of the run.
+    /// Blocked station × time cells of the committed path, as (station interval, time interval): m on the committed path,
+    /// s of the run.
     pub blocked: Vec<((f64, f64), (f64, f64))>,
-    /// Index of the chosen one in `candidates`; `None` when the last plan goes on.
+    /// Index of the chosen candidate in `candidates`; `None` if the previous plan is kept.
     pub chosen: Option<usize>,
-    /// What became of the lattice edges that were looked at, over all lanes and attempts.
+    /// Counts of lattice edges by outcome, over all lanes and attempts.
     pub edges: EdgeCounts,
-    /// Search expansions of the speed layer, over all candidates.
+    /// Expansions of the speed search, over all candidates.
     pub expansions: usize,
-    /// How smooth the committed profile is, and if not, why.
+    /// Outcome of smoothing the committed speed profile.
     pub smoothing: Smoothing,
-    /// Whether the committed path is a refined one; if not, the lattice's own stands.
+    /// Whether the committed path was refined; if not, it consists of lattice edges.
     pub is_refined: bool,
-    /// Whether the committed plan's stop is proven for all motions of the traffic within the bounds that the settings give, as
-    /// seen when the plan was made; if not, for the predicted motions alone. Never where the settings ask for no such proof.
+    /// Whether the stop of the committed plan is proven for all obstacle motions within the bounds of
+    /// [`crate::planner::Uncertainty`], as of the cycle that made the plan. If not, it is proven for the predicted motions
+    /// only. Always `false` with [`crate::planner::UncertaintyMode::Off`].
     pub is_robust: bool,
-    /// Wall-clock times of the stages, s. Never part of a hash.
+    /// Wall-clock times of the stages, s. Not part of any hash.
     pub stage_seconds: StageSeconds,
 }
 
-/// What a cycle decided.
+/// Decision of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Decision {
-    /// A new plan with its stop proven, under the given deceleration (m/s²) at most.
+    /// A new plan was committed; its stop is proven.
     NewPlan {
-        /// Largest deceleration of the plan and its proof, m/s².
+        /// Largest deceleration of the plan and of its proof, m/s².
         deceleration: f64,
     },
-    /// No new proven plan was found: the last proven plan goes on to its stop.
+    /// No new plan was committed: the previous proven plan continues, at the latest to its stop.
     KeepPrevious,
-    /// No proven plan has ever been found: braking as hard as the tyres allow.
+    /// No proven plan exists: emergency braking along the present curvature.
     Unproven,
 }
 
@@ -59,45 +60,45 @@ pub enum Decision {
 pub struct Candidate {
     /// The path.
     pub path: Path,
-    /// Index of the lane of the route that it was laid on.
+    /// Index of the lane of the route.
     pub lane: usize,
-    /// How many attempts with gentler limits had come before in this cycle.
+    /// Index of the attempt in this cycle, from 0; each attempt permits more than the one before.
     pub attempt: usize,
-    /// Total cost, m of detour. A lower bound where no speed was found on it: its delay is not known then.
+    /// Total cost, m of detour. A lower bound without `travel_time` if the candidate has no speed profile.
     pub cost: f64,
     /// Cost by term.
     pub terms: CostTerms,
-    /// Why it was not taken; `None` for the chosen one alone.
+    /// Reason of the rejection; `None` only for the chosen candidate.
     pub rejected: Option<Rejection>,
 }
 
-/// Why a candidate was not taken.
+/// Reason why a candidate was rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Rejection {
-    /// `curve_speed_infeasible`: it bends more than the speed allows that is left after braking comfortably from here.
+    /// `curve_speed_infeasible`: a curve is too tight for the speed that remains after comfortable braking.
     CurveSpeedInfeasible,
-    /// `blocked_at_start`: what blocks it is so near that a moving vehicle has not even one cell of way.
+    /// `blocked_at_start`: a blocker is so near that not even one station cell is free for the moving vehicle.
     BlockedAtStart,
-    /// `cannot_stop`: even the hardest braking of this attempt needs more way than there is.
+    /// `cannot_stop`: the stopping distance at the hardest braking of this attempt exceeds the free length.
     CannotStop,
-    /// `no_proof`: the search of its speed ended, and no speed profile along it has a proven stop.
+    /// `no_proof`: the speed search was exhausted; no speed profile along the path has a proven stop.
     NoProof,
-    /// `no_proof_in_budget`: the search spent its expansions before it found a proven stop.
+    /// `no_proof_in_budget`: the speed search reached its limit of expansions without a proven stop.
     NoProofInBudget,
-    /// `no_profile`: the speeds found do not make a profile; a fault of the search, told and survived.
+    /// `no_profile`: the speeds of the search do not form a valid profile. This is a fault of the search.
     NoProfile,
-    /// `reverification_failed`: its searched profile failed when it was proved again by other code; a fault of the search, told and
-    /// survived.
+    /// `reverification_failed`: an independent check of the raw profile failed. This is a fault of the search.
     ReverificationFailed,
-    /// `higher_cost`: another candidate with a proven stop costs less. Where its cost was above that one's before, its speed
-    /// was not searched.
+    /// `higher_cost`: another candidate with a proven stop costs less. No speed search ran if the lower bound of the cost
+    /// was already higher.
     HigherCost,
-    /// `below_switching_threshold`: the best of its cycle, and not worth leaving the final approach of the plan in force.
+    /// `below_switching_threshold`: the cheapest candidate of its cycle, but its advantage over the committed plan is below
+    /// the switching threshold.
     BelowSwitchingThreshold,
 }
 
 impl Rejection {
-    /// Every reason, in the order in which they are checked.
+    /// Every reason, in the order of the checks.
     pub const ALL: [Self; 9] = [
         Self::CurveSpeedInfeasible,
         Self::BlockedAtStart,
@@ -126,7 +127,7 @@ impl Rejection {
         }
     }
 
-    /// Whether the candidate could not be taken; if not, it could, and there was a better one.
+    /// Whether the candidate is infeasible or unproven; `false` for a feasible candidate that was not preferred.
     #[must_use]
     pub fn is_refusal(self) -> bool {
         !matches!(self, Self::HigherCost | Self::BelowSwitchingThreshold)
@@ -168,7 +169,7 @@ impl Cycle {
         }
     }
 
-    /// How many candidates were rejected for a reason.
+    /// Number of candidates that were rejected for this reason.
     #[must_use]
     pub fn rejections(&self, reason: Rejection) -> usize {
         self.candidates.iter().filter(|c| c.rejected == Some(reason)).count()
@@ -187,16 +188,18 @@ impl Decision {
     }
 }
 
-/// What became of the smoothing of a committed profile.
+/// Outcome of smoothing a committed speed profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Smoothing {
-    /// Within the comfortable jerk, and proved again.
+    /// The profile respects the comfortable jerk limit and passed reverification.
     Comfortable,
-    /// No profile within the comfortable jerk could be proved; this one is within the firm jerk, and was proved again.
+    /// No profile within the comfortable jerk limit was proven; this one respects the firm jerk limit and passed
+    /// reverification.
     Firm,
-    /// The searched profile stands, proved again: its acceleration jumps. Says why no smooth one does.
+    /// The raw profile of the search, which passed reverification. Its acceleration has steps. Contains the reason why
+    /// smoothing failed.
     Unsmoothed(smoothing::Failure),
-    /// NoPlan was ever proven: braking as hard as the tyres allow.
+    /// No plan was ever proven: emergency braking.
     EmergencyStop,
 }
 
@@ -221,15 +224,15 @@ impl Smoothing {
 pub struct StageSeconds {
     /// Reference line.
     pub reference: f64,
-    /// Lattice.
+    /// Lattice search, with its static collision checks.
     pub lattice: f64,
-    /// Collision.
+    /// Collision checks outside the lattice.
     pub collision: f64,
-    /// Speed search.
+    /// Speed search of all candidates.
     pub speed: f64,
     /// Refinement of the chosen path, with its speed search.
     pub refinement: f64,
-    /// Smoothing and its proof.
+    /// Smoothing of the speed profile, with its proof.
     pub smoothing: f64,
     /// The whole cycle.
     pub total: f64,
@@ -240,14 +243,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_rejection_has_a_code_of_its_own() {
+    fn every_rejection_has_a_unique_code() {
         let mut codes: Vec<&str> = Rejection::ALL.iter().map(|r| r.code()).collect();
         assert!(codes.iter().all(|c| c.chars().all(|c| c.is_ascii_lowercase() || c == '_')), "{codes:?}");
         codes.sort_unstable();
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
-        assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "every one once, in order");
-        assert_eq!(Rejection::ALL[8], Rejection::BelowSwitchingThreshold, "the last one is in the list");
+        assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "duplicate or out of order");
+        assert_eq!(Rejection::ALL[8], Rejection::BelowSwitchingThreshold, "the last reason is missing");
     }
 
     #[test]

@@ -1,11 +1,11 @@
-//! The chosen path, refined as a whole and evaluated anew like any other candidate.
+//! Refinement of the chosen path, with a speed search and proof like for any other candidate.
 //!
-//! Only the chosen path is refined: which one is chosen stays the lattice's decision, so that refinement brings no
-//! flicker of its own. It is committed in the place of the lattice's own if its stop is proven on the same level and its
-//! total cost, the delay of its own speed search included, is not greater, and it gets no less far.
+//! The planner refines only the chosen path. The choice itself depends on lattice paths alone, so that refinement causes no
+//! switches between plans. The refined path replaces the lattice path if its stop is proven on the same level, its total
+//! cost including travel time is not higher, and its progress is not less.
 //!
-//! On the way from another lane nothing is refined: offsets beyond [`OFFSET_SATURATES`] all cost the same, so the costs
-//! do not see when the change of lanes happens, and refining it in every cycle would put it off in every cycle.
+//! During a lane change there is no refinement: offsets beyond [`OFFSET_SATURATES`] all cost the same, so that the cost does
+//! not depend on when the lane change happens, and refinement would postpone it in every cycle.
 
 use std::time::Instant;
 
@@ -15,11 +15,11 @@ use super::{CycleRecord, Level, Planner, Start, allowance_at, committed_plan, co
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
 
-/// A plan that falls behind by less than this is as fast, m.
+/// Tolerance of the progress, m.
 const ON_TIME: f64 = 0.01;
 
 impl Planner<'_> {
-    /// The choice with its path refined, where that checks out; else as it is.
+    /// The choice with a refined path if that passes all checks, else the choice itself.
     pub(super) fn refined(&self, start: &Start, level: Level, choice: Choice, record: &mut CycleRecord) -> Choice {
         let begun = Instant::now();
         let better = self.refinement(start, level, &choice, record);
@@ -70,8 +70,8 @@ impl Planner<'_> {
                 let delay = delay(self.settings, situation.free_progress() - proven.progress, &path.terms);
                 let cost = path.terms.total() + delay;
                 let is_slower = proven.progress + ON_TIME < choice.proven.progress;
-                let stands = || proven.proved_again().is_ok();
-                (!is_slower && stands() && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
+                let passes = || proven.reverify().is_ok();
+                (!is_slower && passes() && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
             }
         }
     }

@@ -1,90 +1,90 @@
-//! What a user may set about planning.
+//! Settings of the planner.
 
 use crate::collision::{CollisionSettings, MotionBounds};
 use crate::lattice;
 
-/// Settings of the planner. Defaults are those of the README.
+/// Settings of the planner; the section `[planner]` of a settings file. SI units.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Speed to drive at where no sign says otherwise, m/s. A faster start speed is kept.
+    /// Cruise speed without a speed limit, m/s. A higher start speed replaces it.
     pub cruise_speed: f64,
-    /// Shortest look-ahead, m.
-    pub shortest_horizon: f64,
-    /// Longest look-ahead, m.
-    pub longest_horizon: f64,
-    /// Gap kept to what blocks the way, beyond the collision margins, m.
+    /// Shortest planning horizon, m. The horizon grows with the stopping distance.
+    pub min_horizon: f64,
+    /// Longest planning horizon, m.
+    pub max_horizon: f64,
+    /// Gap between the vehicle and a blocking obstacle at a planned stop, in addition to the collision margins, m.
     pub standoff: f64,
-    /// Lateral acceleration that speeds on bends are planned for, as a share of the comfort limit.
+    /// Lateral acceleration of planned speeds in curves, as a fraction of the limit.
     pub lateral_share: f64,
-    /// Deceleration that planned stops are made with, as a share of the comfortable one.
+    /// Deceleration of planned stops, as a fraction of comfortable braking.
     pub stopping_share: f64,
-    /// What plans may fall back to when the comfortable limits prove nothing, gentlest first. Each is tried without
-    /// margins.
+    /// Acceleration limits of the emergency levels, gentlest first. The planner tries them in order if no plan is proven
+    /// within the comfort limits. All of them use the collision world without margins.
     pub emergency: Vec<EmergencyLimits>,
-    /// Factor on the cruising speed where an emergency asks for more than the comfortable acceleration, to get out of
-    /// somebody's way.
-    pub emergency_speed: f64,
-    /// Lateral tracking error at which planning restarts from the measured state, m.
+    /// Factor on the cruise speed at emergency levels with more than the comfortable acceleration, so that the vehicle can
+    /// clear a conflict zone.
+    pub emergency_speed_factor: f64,
+    /// Lateral tracking error above which planning restarts from the measured state, m.
     pub restart_lateral: f64,
-    /// Longitudinal tracking error at which planning restarts from the measured state, m.
+    /// Longitudinal tracking error above which planning restarts from the measured state, m.
     pub restart_longitudinal: f64,
-    /// Expansions allowed in each phase of a speed search.
+    /// Maximum number of expansions in each phase of a speed search.
     pub expansions: usize,
-    /// Largest planned jerk, m/s³.
+    /// Largest jerk of comfortable speed profiles, m/s³.
     pub jerk: f64,
-    /// Time by which moving obstacles are given way before and after, where that is possible, s.
+    /// Time gap to moving obstacles, before and after them, s. Less if no plan is proven with it.
     pub time_gap: f64,
-    /// What traffic from behind means for proofs.
+    /// Treatment of traffic from behind in proofs.
     pub rear_traffic: RearTraffic,
-    /// Whether proofs are to hold for more than the predicted motions.
+    /// Bounds of motions around the predictions that proofs cover.
     pub uncertainty: Uncertainty,
-    /// The lattice.
+    /// Settings of the lattice.
     pub lattice: lattice::Settings,
-    /// What is done with the path chosen from it.
+    /// Settings of the refinement of the chosen path.
     pub refinement: lattice::refine::RefinementSettings,
-    /// The collision checks.
+    /// Settings of the collision checks.
     pub collision: CollisionSettings,
 }
 
-/// What traffic that comes from behind, in our lane and heading our way, means for proofs.
+/// Treatment in proofs of traffic that follows the vehicle in its lane and direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RearTraffic {
-    /// It binds as all other does: a rest that its prediction drives through is not safe.
+    /// It constrains proofs like all other traffic: a standstill on the predicted path of a following vehicle is unsafe.
     #[default]
     Binding,
-    /// It brakes for us, and blocks nothing until it leaves our way. The verdict does not know of it: a contact from behind
-    /// is a contact.
+    /// It brakes for the vehicle: it constrains proofs only after it has left the vehicle's path. Only the planner assumes
+    /// this; the verdict counts a contact from behind as a contact.
     Yielding,
 }
 
-/// Proofs against all motions of the traffic within bounds around the predicted ones.
+/// Bounds of obstacle motions around the predictions; robust proofs hold for every motion within them.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Uncertainty {
-    /// Whether such proofs are sought.
+    /// Whether the planner seeks robust proofs.
     pub mode: UncertaintyMode,
-    /// Acceleration along an obstacle's predicted heading beyond the predicted one, either way, m/s².
+    /// Largest difference from the predicted acceleration in the direction of the predicted heading, m/s².
     pub longitudinal: f64,
-    /// Acceleration across it, m/s².
+    /// Largest difference from the predicted acceleration perpendicular to the predicted heading, m/s².
     pub lateral: f64,
-    /// Largest deviation across it, m; infinite (`inf`) if only the accelerations bound it.
+    /// Largest lateral deviation from the prediction, m; `inf` for no bound other than the accelerations.
     pub max_lateral_deviation: f64,
-    /// Whether vehicles and bicycles may move backwards.
+    /// Whether vehicles and bicycles may reverse.
     pub vehicles_reverse: bool,
 }
 
-/// Whether proofs against sets of motions are sought.
+/// Whether proofs must be robust, that is, hold for all motions within the bounds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum UncertaintyMode {
-    /// No: the predicted motions count.
+    /// Proofs hold for the predicted motions.
     #[default]
     Off,
-    /// First; where there is none, the predicted motions count.
+    /// The planner tries robust proofs first, then proofs for the predicted motions.
     Preferred,
-    /// No other counts.
+    /// The planner accepts robust proofs only.
     Required,
 }
 
@@ -101,7 +101,7 @@ impl Default for Uncertainty {
 }
 
 impl Uncertainty {
-    /// The bounds of the motions.
+    /// The bounds, as the collision checks use them.
     #[must_use]
     pub fn bounds(&self) -> MotionBounds {
         let Self { longitudinal, lateral, max_lateral_deviation, vehicles_reverse, .. } = *self;
@@ -109,7 +109,7 @@ impl Uncertainty {
     }
 }
 
-/// Accelerations of a plan in an emergency.
+/// Acceleration limits of an emergency level.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EmergencyLimits {
@@ -123,8 +123,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             cruise_speed: 50.0 / 3.6,
-            shortest_horizon: 40.0,
-            longest_horizon: 300.0,
+            min_horizon: 40.0,
+            max_horizon: 300.0,
             standoff: 0.8,
             lateral_share: 0.75,
             stopping_share: 0.9,
@@ -134,7 +134,7 @@ impl Default for Settings {
                 EmergencyLimits { acceleration: 1.5, deceleration: 8.0 },
                 EmergencyLimits { acceleration: 4.0, deceleration: 8.0 },
             ],
-            emergency_speed: 1.3,
+            emergency_speed_factor: 1.3,
             restart_lateral: 0.5,
             restart_longitudinal: 1.5,
             expansions: 5_000,

@@ -1,8 +1,8 @@
-//! States along the line: position, speed, acceleration and curvature in the plane, and the same in Frenet coordinates.
+//! Conversion of states between the plane and Frenet coordinates: position, heading, speed, acceleration, curvature.
 //!
-//! The closed forms of Werling, Ziegler, Kammel and Thrun, "Optimal trajectory generation for dynamic street scenarios in
-//! a Frenet frame" (ICRA 2010), appendix I. With the line's curvature κ_r and its derivative κ_r′ at the foot, the
-//! heading against the line Δθ, and q = 1 − κ_r l:
+//! The closed forms are those of Werling, Ziegler, Kammel and Thrun, "Optimal trajectory generation for dynamic street
+//! scenarios in a Frenet frame" (ICRA 2010), appendix I. With the curvature κ_r of the line and its derivative κ_r′ at the
+//! foot, the heading Δθ relative to the line, and q = 1 − κ_r l:
 //!
 //! ```text
 //! l′ = q tan Δθ
@@ -11,9 +11,11 @@
 //! a  = s̈ q/cos Δθ + ṡ²/cos Δθ · (q tan Δθ (κ q/cos Δθ − κ_r) − (κ_r′ l + κ_r l′))
 //! ```
 //!
-//! They hold while q > 0 and |Δθ| < π/2: on this side of the centre of curvature, and along the line, not across it. A
-//! vehicle that reverses along the line has v < 0 and ṡ < 0. Near the rim of the range (q → 0 or Δθ → π/2) derivatives
-//! grow without bound, and with them the error.
+//! They hold for q > 0 (before the centre of curvature) and |Δθ| < π/2. A vehicle that reverses along the line has v < 0
+//! and ṡ < 0.
+//!
+//! Weak near the limits of the range: for q → 0 or |Δθ| → π/2 the derivatives, and with them the errors, grow without
+//! bound.
 
 use super::{Frenet, ReferenceLine};
 use crate::geometry::spiral::PathPoint;
@@ -22,17 +24,17 @@ use crate::geometry::{Pose, wrap_angle};
 /// Motion of a point in the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CartesianState {
-    /// Position, m, and heading of the motion, rad.
+    /// Position, m, and heading, rad.
     pub pose: Pose,
-    /// Speed along the heading, m/s, negative when reversing.
+    /// Speed along the heading, m/s; negative when reversing.
     pub speed: f64,
     /// Derivative of the speed, m/s².
     pub acceleration: f64,
-    /// Curvature of the way, 1/m.
+    /// Curvature of the path, 1/m, positive to the left.
     pub curvature: f64,
 }
 
-/// The same motion in the coordinates of a reference line.
+/// Motion of a point in the Frenet coordinates of a reference line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrenetState {
     /// Station, m.
@@ -43,21 +45,22 @@ pub struct FrenetState {
     pub s_ddot: f64,
     /// Offset, m, positive to the left.
     pub l: f64,
-    /// dl/ds.
+    /// dl/ds, without unit.
     pub l_prime: f64,
     /// d²l/ds², 1/m.
     pub l_second: f64,
 }
 
 impl ReferenceLine {
-    /// A state in the plane as it is along the line, its foot found by [`Self::project`]. `None` at and beyond the centre
-    /// of curvature, across the line or against it, and beyond the end of the continuations.
+    /// Converts a state to Frenet coordinates, with the foot point of [`Self::project`]. `None` at and beyond the centre of
+    /// curvature, for headings of 90° or more to the line, beyond the straight continuations, and for input that is not
+    /// finite.
     #[must_use]
     pub fn project_state(&self, state: &CartesianState) -> Option<FrenetState> {
         self.state_at_foot(state, self.project(state.pose.position))
     }
 
-    /// The same with the foot found by [`Self::project_near`].
+    /// [`Self::project_state`] with the foot point of [`Self::project_near`].
     #[must_use]
     pub fn project_state_near(&self, state: &CartesianState, hint: f64) -> Option<FrenetState> {
         self.state_at_foot(state, self.project_near(state.pose.position, hint))
@@ -75,7 +78,7 @@ impl ReferenceLine {
         Some(FrenetState { s, s_dot, s_ddot, l, l_prime: turn.shrink * turn.tan, l_second })
     }
 
-    /// A state along the line as it is in the plane. `None` at and beyond the centre of curvature.
+    /// Converts a state from Frenet coordinates to the plane. `None` at and beyond the centre of curvature.
     #[must_use]
     pub fn from_frenet_state(&self, state: &FrenetState) -> Option<CartesianState> {
         let on_line = self.at(state.s);
@@ -93,9 +96,9 @@ impl ReferenceLine {
     }
 }
 
-/// What both directions of the conversion need at a foot.
+/// Quantities at a foot point that both directions of the conversion use.
 struct Turn {
-    /// Heading against the line, rad, within ±π/2.
+    /// Heading relative to the line, rad, within ±π/2.
     angle: f64,
     cos: f64,
     tan: f64,
@@ -121,7 +124,7 @@ impl Turn {
         curvature * self.shrink / self.cos - self.curvature
     }
 
-    /// d(q/cos Δθ)/ds, 1/m: how the way driven per way along the line changes.
+    /// d(q/cos Δθ)/ds, 1/m: the change of travelled distance per station.
     fn stretch_rate(&self, relative: f64) -> f64 {
         (self.shrink * self.tan * relative - self.shrink_rate) / self.cos
     }
@@ -140,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn beside_a_straight_line_the_forms_are_those_of_the_plane() {
+    fn straight_lines_have_the_coordinates_of_the_plane() {
         let line = line(&crate::fixtures::two_lane_road(3), &[100, 101, 102]);
         let state = CartesianState { pose: Pose::new(40.0, 1.2, 0.3), speed: 9.0, acceleration: -1.5, curvature: 0.02 };
         let f = line.project_state(&state).unwrap();
@@ -154,7 +157,7 @@ mod tests {
         close(f.s_ddot, -1.5 * 0.3_f64.cos() - 9.0 * 0.3_f64.sin() * 0.02 * 9.0);
     }
 
-    /// A drive along a spiral across the bend: its states by closed form, its coordinates by projection.
+    /// Motion along a spiral through the curve: states by the closed form, coordinates by projection.
     #[test]
     fn derivatives_agree_with_finite_differences_of_projected_points() {
         for (radius, begins, l) in [(6.0, 26.0, 0.8), (6.0, 28.0, -1.0), (12.0, 25.0, 2.0), (25.0, 30.0, -2.0)] {
@@ -164,8 +167,8 @@ mod tests {
             let spiral = CubicSpiral { knots: [0.0, 0.6 / radius, 0.9 / radius, 0.2 / radius], length: 14.0 };
             let (v, a) = (7.0, -1.3);
             let state = |t: f64| {
-                let way = v * t + 0.5 * a * t * t;
-                let p = spiral.point_at(&start, way);
+                let travelled = v * t + 0.5 * a * t * t;
+                let p = spiral.point_at(&start, travelled);
                 CartesianState { pose: p.pose, speed: v + a * t, acceleration: a, curvature: p.curvature }
             };
             let h = 2e-3;
@@ -177,7 +180,7 @@ mod tests {
                 let s_dot = ds / (2.0 * h);
                 let s_ddot = (after.s - 2.0 * here.s + before.s) / (h * h);
                 let l_prime = dl / ds;
-                // second difference of l by s at uneven steps
+                // second difference of l by s with unequal steps
                 let (behind, ahead) = (here.s - before.s, after.s - here.s);
                 let l_second = 2.0 * ((after.l - here.l) / ahead - (here.l - before.l) / behind) / (behind + ahead);
                 for (name, found, expected, tolerance) in [
@@ -186,14 +189,14 @@ mod tests {
                     ("l′", here.l_prime, l_prime, 1e-4),
                     ("l″", here.l_second, l_second, 2e-3),
                 ] {
-                    assert!((found - expected).abs() < tolerance, "{name} {found} against {expected}, {radius} at {t}");
+                    assert!((found - expected).abs() < tolerance, "{name} {found}, not {expected}, {radius} at {t}");
                 }
             }
         }
     }
 
     #[test]
-    fn there_is_no_state_beyond_the_centre_of_curvature_nor_across_the_line_nor_beyond_its_end() {
+    fn rejects_states_beyond_the_centre_of_curvature_perpendicular_to_the_line_and_beyond_its_end() {
         let line = bend(10.0);
         let s = 38.0;
         let state = |l: f64, turned: f64| {
@@ -216,7 +219,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn states_come_back(
+        fn states_survive_a_round_trip(
             part in -0.1..1.1f64, share in -0.9..0.9f64, radius in 4.0..40.0f64, turned in -1.2..1.2f64,
             speed in -5.0..30.0f64, acceleration in -8.0..4.0f64, curvature in -0.25..0.25f64,
         ) {

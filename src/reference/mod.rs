@@ -1,18 +1,31 @@
 //! The reference line: a smoothed lane centre with its Frenet frame.
 //!
-//! The centre lines of a chain of lanelets are joined, resampled, smoothed by a convex program within the lane
-//! (`smooth`), and carried by a curvature-continuous spline over arc length (`spline`). Stations `s` run along the line
-//! from its first point, offsets `l` are positive to the left, curvature of the parallel line at offset l is
-//! κ/(1 − κl). All computation is relative to the chain's first point, so that UTM coordinates lose nothing.
+//! # Construction
 //!
-//! Beyond its ends the line goes on straight for the settings' extension.
+//! The centre lines of a chain of lanelets are joined and resampled at equal steps, smoothed within the lane by a convex
+//! program (`smooth`), and interpolated by a spline over arc length with continuous curvature and curvature rate
+//! (`spline`). All computation is relative to the first point of the chain, so that UTM coordinates lose no accuracy.
 //!
-//! Projection ([`ReferenceLine::project`]) finds the nearest point. Frenet coordinates are unique, and the projection
-//! continuous, as far from the line as [`ReferenceLine::unique_offsets`] says, station by station. Whole states, with
-//! speed, acceleration and curvature, are converted in [`CartesianState`] ⇄ [`FrenetState`].
+//! # Coordinates
 //!
-//! Curvature and its derivative are continuous. The derivative is that of an interpolating spline: between points it
-//! swings a little more than at them. A bend much tighter than the sampling step is rounded.
+//! - The station `s` (m) is the arc length along the line from its first point.
+//! - The offset `l` (m) is the signed distance from the line, positive to the left.
+//! - The curvature κ (1/m) is positive where the line turns left. The parallel line at offset l has the curvature
+//!   κ/(1 − κl).
+//!
+//! Beyond its ends the line continues straight (curvature 0). Evaluation is not limited there; projection reaches as far
+//! as [`ReferenceSettings::extension`].
+//!
+//! [`ReferenceLine::project`] returns the coordinates of the nearest point of the line. They are unique, and the projection
+//! is continuous, within the offsets of [`ReferenceLine::unique_offsets`]. [`ReferenceLine::project_state`] and
+//! [`ReferenceLine::from_frenet_state`] convert whole states with speed, acceleration and curvature between
+//! [`CartesianState`] and [`FrenetState`].
+//!
+//! # Weaknesses
+//!
+//! The curvature rate is that of an interpolating spline: between points it oscillates slightly more than at them. A curve
+//! much tighter than the sampling step is rounded. If the smoothing program fails, the line runs through the unsmoothed
+//! centre ([`ReferenceLine::is_smoothed`]).
 
 mod frenet;
 mod projection;
@@ -32,38 +45,38 @@ use crate::map::{Lanelet, LaneletId, RoadNetwork};
 use smooth::Freedom;
 use spline::Spline;
 
-/// How reference lines are built.
+/// Settings of the construction of reference lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferenceSettings {
-    /// Distance between smoothed points, m. Halving it doubles the time.
+    /// Distance between smoothed points, m. Half the distance takes twice the time.
     pub spacing: f64,
-    /// Undulations shorter than about 2π times this are smoothed away, m.
+    /// Smoothing length λ, m: undulations shorter than about 2πλ are removed.
     pub smoothing_length: f64,
-    /// Distance kept between the vehicle's side and the lane's bounds when smoothing, m.
+    /// Distance between the side of the vehicle and the lane bounds that smoothing keeps, m.
     pub margin: f64,
-    /// Freedom to either side that smoothing has even in lanes too narrow for it, m.
-    pub least_freedom: f64,
-    /// Straight continuation beyond both ends, m.
+    /// Displacement to either side that smoothing may use even in lanes too narrow for the margin, m.
+    pub min_freedom: f64,
+    /// Length of the straight continuation beyond both ends, m.
     pub extension: f64,
 }
 
 impl Default for ReferenceSettings {
     fn default() -> Self {
-        Self { spacing: 1.0, smoothing_length: 3.0, margin: 0.1, least_freedom: 0.2, extension: 50.0 }
+        Self { spacing: 1.0, smoothing_length: 3.0, margin: 0.1, min_freedom: 0.2, extension: 50.0 }
     }
 }
 
-/// Why there is no reference line.
+/// Why a reference line cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum ReferenceFailure {
     /// The chain is empty.
-    #[error("a chain of lanelets without any lanelet")]
+    #[error("the chain has no lanelets")]
     Empty,
     /// The chain names a lanelet that the network does not have.
     #[error("lanelet {0} is not in the network")]
     UnknownLanelet(LaneletId),
     /// The joined centre lines are shorter than half a metre.
-    #[error("the joined centre lines are too short")]
+    #[error("the joined centre lines are shorter than 0.5 m")]
     TooShort,
 }
 
@@ -76,27 +89,29 @@ pub struct Frenet {
     pub l: f64,
 }
 
-/// The reference line.
+/// A smoothed lane centre with its Frenet frame. See the [module documentation](self).
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceLine {
     origin: Vector,
     curve: Spline,
     knots: Vec<Knot>,
-    /// Where each lanelet of the chain begins, with its speed limit; in order of stations.
+    /// The lanelets of the chain with start station and speed limit, in order of stations.
     lanelets: Vec<Section>,
     extension: f64,
     smoothed: bool,
 }
 
-/// What is known at a knot of the curve, and of the piece of it up to the next knot.
+/// A knot of the curve, with data of the segment up to the next knot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Knot {
     station: f64,
     point: Point,
     tangent: Vector,
-    /// Upper bound of |κ| on the piece behind it, 1/m.
-    sharpest: f64,
+    /// Upper bound of |κ| on the segment from this knot to the next one, 1/m.
+    max_curvature: f64,
+    /// Distance to the left lane bound, m.
     left: f64,
+    /// Distance to the right lane bound, m.
     right: f64,
 }
 
@@ -107,15 +122,16 @@ struct Section {
     speed_limit: Option<f64>,
 }
 
-/// The shortest chain that makes a line, m.
-const SHORTEST: f64 = 0.5;
-/// Fewest steps of a line: a cubic spline and its third differences need some.
-const FEWEST_STEPS: f64 = 5.0;
-/// Where lanelets overlap by less than this, the points that step back are left out, m.
+/// Shortest chain, m.
+const MIN_LENGTH: f64 = 0.5;
+/// Minimum number of steps: third differences need several points.
+const MIN_STEPS: f64 = 5.0;
+/// Where lanelets overlap by less than this, points that step back are dropped, m.
 const STEP_BACK: f64 = 1.0;
 
 impl ReferenceLine {
-    /// The line along a chain of lanelets, each following the one before, for a vehicle of the given width (m).
+    /// Builds the line along a chain of lanelets, each a successor of the previous one, for a vehicle of the given width
+    /// (m).
     ///
     /// # Errors
     /// See [`ReferenceFailure`].
@@ -131,28 +147,29 @@ impl ReferenceLine {
             .collect::<Result<_, _>>()?;
         let origin = lanelets.first().ok_or(ReferenceFailure::Empty)?.centre.first().coords;
         let centre = joined(&lanelets, origin, |l| &l.centre).ok_or(ReferenceFailure::TooShort)?;
-        if centre.length() < SHORTEST {
+        if centre.length() < MIN_LENGTH {
             return Err(ReferenceFailure::TooShort);
         }
         let (points, step) = resampled(&centre, settings.spacing);
         let left = joined(&lanelets, origin, |l| &l.left);
         let right = joined(&lanelets, origin, |l| &l.right);
         let bounds = Bounds { left: left.as_ref(), right: right.as_ref() };
-        let widths = bounds.along(&points);
+        let widths = bounds.distances(&points);
 
-        let free = |width: f64| (width - 0.5 * vehicle_width - settings.margin).max(settings.least_freedom);
+        let free = |width: f64| (width - 0.5 * vehicle_width - settings.margin).max(settings.min_freedom);
         let freedom: Vec<Freedom> = widths.iter().map(|w| Freedom { left: free(w.0), right: free(w.1) }).collect();
         let normals = smooth::normals(&points);
         let smooth = smooth::smoothed(&points, &normals, &freedom, step, settings.smoothing_length);
         let smoothed = smooth.is_some();
         let points = smooth.unwrap_or(points);
         let curve = Spline::through(&points).ok_or(ReferenceFailure::TooShort)?;
-        let widths = bounds.along(&points);
+        let widths = bounds.distances(&points);
         let knots = curve.stations().zip(&points).zip(widths);
         let knots = knots
             .map(|((station, point), (left, right))| {
                 let tangent = curve.frame(station).tangent;
-                Knot { station, point: *point, tangent, sharpest: curve.sharpest_behind(station), left, right }
+                let max_curvature = curve.max_curvature_after(station);
+                Knot { station, point: *point, tangent, max_curvature, left, right }
             })
             .collect();
         let mut line = Self { origin, curve, knots, lanelets: Vec::new(), extension: settings.extension, smoothed };
@@ -160,7 +177,7 @@ impl ReferenceLine {
         Ok(line)
     }
 
-    /// Where the lanelets begin along the line: feet of their first centre points, in order.
+    /// Start stations of the lanelets: the feet of their first centre points, ascending.
     fn sections(&self, lanelets: &[&Lanelet]) -> Vec<Section> {
         let mut start = f64::NEG_INFINITY;
         let mut travelled = 0.0;
@@ -175,19 +192,19 @@ impl ReferenceLine {
             .collect()
     }
 
-    /// Length, without the straight continuations, m.
+    /// Length without the straight continuations, m.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.curve.length()
     }
 
-    /// Whether the convex program succeeded; if not, the line runs through the lane's centre as it is.
+    /// Whether smoothing succeeded; if not, the line runs through the unsmoothed lane centre.
     #[must_use]
     pub fn is_smoothed(&self) -> bool {
         self.smoothed
     }
 
-    /// Pose, curvature and its derivative at station `s`. Beyond the ends straight on, however far.
+    /// Pose, curvature and curvature rate at station `s` (m). Beyond the ends the line is straight, without limit.
     #[must_use]
     pub fn at(&self, s: f64) -> PathPoint {
         let mut point = self.curve.at(s);
@@ -195,9 +212,9 @@ impl ReferenceLine {
         point
     }
 
-    /// The point of the parallel line at offset `l`: its heading is that of the reference line, its curvature
-    /// κ/(1 − κl), its curvature's derivative (by its own arc length) κ'/(1 − κl)³. `None` at and beyond the centre of
-    /// curvature.
+    /// The point of the parallel line at station `s` and offset `l` (m): its heading is that of the reference line, its
+    /// curvature κ/(1 − κl), its curvature rate (by the arc length of the parallel line) κ'/(1 − κl)³. `None` at and beyond
+    /// the centre of curvature.
     #[must_use]
     pub fn offset_pose(&self, s: f64, l: f64) -> Option<PathPoint> {
         let on_line = self.at(s);
@@ -209,8 +226,8 @@ impl ReferenceLine {
         })
     }
 
-    /// Distances from the line to the lane's own bounds at station `s`, left and right, m; negative if the line is
-    /// outside. Beyond the ends, as at the ends.
+    /// Distances from the line to the left and the right lane bound at station `s`, m; negative if the line is outside.
+    /// Beyond the ends, the values at the ends.
     #[must_use]
     pub fn lane_bounds(&self, s: f64) -> (f64, f64) {
         let i = self.knots.partition_point(|k| k.station <= s).clamp(1, self.knots.len() - 1);
@@ -225,31 +242,31 @@ impl ReferenceLine {
         self.lanelets.get(after.max(1) - 1)
     }
 
-    /// The lanelet at station `s`; beyond the ends, the first or last one.
+    /// The lanelet at station `s`; beyond the ends, the first or the last one.
     #[must_use]
     pub fn lanelet_at(&self, s: f64) -> Option<LaneletId> {
         self.section_at(s).map(|section| section.id)
     }
 
-    /// Speed limit of the lanelet at station `s`, m/s.
+    /// Speed limit of the lanelet at station `s`, m/s; `None` without a limit.
     #[must_use]
     pub fn speed_limit(&self, s: f64) -> Option<f64> {
         self.section_at(s).and_then(|section| section.speed_limit)
     }
 
-    /// The lanelets of the chain with the stations at which they begin, in order.
+    /// The lanelets of the chain with their start stations (m), in order.
     pub fn lanelets(&self) -> impl Iterator<Item = (LaneletId, f64)> + '_ {
         self.lanelets.iter().map(|section| (section.id, section.start))
     }
 
-    /// The points that carry the line, about every settings' spacing, with their stations: for pictures.
+    /// The knots of the line with their stations (m), about [`ReferenceSettings::spacing`] apart.
     pub fn points(&self) -> impl Iterator<Item = (f64, Point)> + '_ {
         self.knots.iter().map(|k| (k.station, k.point + self.origin))
     }
 }
 
-/// One kind of line of all lanelets, joined, relative to the origin. Points that step back against the direction of
-/// travel by a little (lanelets that overlap) are left out.
+/// Joins one line of every lanelet, relative to the origin. Points that step back slightly against the direction of travel
+/// (lanelets that overlap) are dropped.
 fn joined(lanelets: &[&Lanelet], origin: Vector, line: impl Fn(&Lanelet) -> &Polyline) -> Option<Polyline> {
     let mut points: Vec<Point> = Vec::new();
     for lanelet in lanelets {
@@ -267,25 +284,25 @@ fn joined(lanelets: &[&Lanelet], origin: Vector, line: impl Fn(&Lanelet) -> &Pol
     Polyline::new(points)
 }
 
-/// Points at even steps of `spacing` at most, and the step between them, m.
+/// Points at equal steps of at most `spacing`, and the step, m.
 fn resampled(line: &Polyline, spacing: f64) -> (Vec<Point>, f64) {
-    /// Lengths that are whole numbers of steps but for rounding must not get one more, in steps.
+    /// Tolerance, in steps: a length that is a multiple of the spacing up to rounding gets no additional step.
     const WHOLE: f64 = 1e-6;
-    let steps = (line.length() / spacing - WHOLE).ceil().max(FEWEST_STEPS);
-    let step = (line.length() / steps).max(SHORTEST / FEWEST_STEPS);
+    let steps = (line.length() / spacing - WHOLE).ceil().max(MIN_STEPS);
+    let step = (line.length() / steps).max(MIN_LENGTH / MIN_STEPS);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of points
     ((0..=steps as usize).map(|i| line.at(step * i as f64)).collect(), step)
 }
 
-/// The lane's bounds, joined over the chain.
+/// The lane bounds, joined over the chain.
 struct Bounds<'a> {
     left: Option<&'a Polyline>,
     right: Option<&'a Polyline>,
 }
 
 impl Bounds<'_> {
-    /// Distances of points along the lane to its left and right bound, m, negative outside.
-    fn along(&self, points: &[Point]) -> Vec<(f64, f64)> {
+    /// Distances of points to the left and the right bound, m, negative outside. The points must be in order of travel.
+    fn distances(&self, points: &[Point]) -> Vec<(f64, f64)> {
         let left = self.left.map(|bound| offsets(bound, points));
         let right = self.right.map(|bound| offsets(bound, points));
         let at = |offsets: &Option<Vec<f64>>, i: usize| offsets.as_ref().map_or(0.0, |o| o[i]);
@@ -293,13 +310,13 @@ impl Bounds<'_> {
     }
 }
 
-/// Signed offsets of a row of points from a line that runs beside them: the search for each point starts near the foot
-/// of the one before.
+/// Signed offsets of a sequence of points from a line beside them. The search for each point starts near the foot of the
+/// previous one.
 fn offsets(line: &Polyline, points: &[Point]) -> Vec<f64> {
-    /// Search behind and ahead of the last foot, m: lanes widen and bend between neighbouring points by less.
+    /// Search range behind and ahead of the last foot, m: it covers the change between neighbouring points.
     const BEHIND: f64 = 5.0;
     const AHEAD: f64 = 15.0;
-    // both begin together; where a chain closes a ring its bound comes back to this place
+    // search the start only: the bound of a closed ring returns to this place
     let mut station = line.project_between(points[0], 0.0, AHEAD).station;
     points
         .iter()
@@ -318,7 +335,7 @@ pub(crate) mod tests {
     use crate::map::{Lanelet, Scenario};
     use std::path::{Path, PathBuf};
 
-    /// The folder of real files, if it is there; says so if not.
+    /// The folder of published maps; prints a note and returns `None` if it does not exist.
     pub(crate) fn real_data(kind: &str) -> Option<PathBuf> {
         let root = std::env::var_os("STOPLINE_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
@@ -330,7 +347,7 @@ pub(crate) mod tests {
         Some(folder)
     }
 
-    /// All scenarios that can be read, in order of their names.
+    /// All readable scenarios, in order of their names.
     pub(crate) fn real_scenarios(folder: &Path) -> Vec<(String, Scenario)> {
         let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
         paths.retain(|p| p.extension().is_some_and(|e| e == "xml"));
@@ -352,7 +369,7 @@ pub(crate) mod tests {
         network([Lanelet { centre: side(0.0), ..lanelet(1, side(-1.75), side(1.75)) }])
     }
 
-    /// Straight, a left turn by 90° with the given radius in steps of half a metre, straight.
+    /// A straight, a left turn by 90° with the given radius in steps of half a metre, a straight.
     pub(super) fn turn(radius: f64) -> Vec<Point> {
         let arc = radius * std::f64::consts::FRAC_PI_2;
         let on_arc = |s: f64| {
@@ -369,7 +386,7 @@ pub(crate) mod tests {
     pub(super) const UTM: Vector = Vector::new(6.9e5, 5.3e6);
 
     #[test]
-    fn straight_road_stays_straight_and_in_the_middle() {
+    fn a_straight_road_has_a_straight_centred_line() {
         let line = line(&two_lane_road(3), &[100, 101, 102]);
         assert!((line.length() - 150.0).abs() < 1e-6);
         let p = line.at(77.7);
@@ -381,7 +398,7 @@ pub(crate) mod tests {
             (line.lanelet_at(-5.0), line.lanelet_at(49.0), line.lanelet_at(51.0)),
             (Some(100), Some(100), Some(101))
         );
-        assert!((line.at(160.0).pose.position - Point::new(160.0, 0.0)).norm() < 1e-6, "straight beyond the end");
+        assert!((line.at(160.0).pose.position - Point::new(160.0, 0.0)).norm() < 1e-6, "not straight beyond the end");
         assert!((line.project(Point::new(-3.0, 1.0)).s + 3.0).abs() < 1e-6);
     }
 
@@ -401,12 +418,12 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn jagged_centre_is_smoothed_and_a_long_bend_is_kept() {
+    fn smooths_a_jagged_centre_and_preserves_a_long_curve() {
         let jagged: Vec<Point> =
             (0..80).map(|i| Point::new(f64::from(i), if i % 2 == 0 { 0.1 } else { -0.1 })).collect();
         let smooth = line(&lane_along(&jagged, UTM), &[1]);
         let worst = (0..700).map(|i| smooth.at(5.0 + f64::from(i) * 0.1).curvature.abs()).fold(0.0, f64::max);
-        assert!(worst < 0.01, "curvature {worst} left of the jags");
+        assert!(worst < 0.01, "curvature {worst} after smoothing");
         let bend: Vec<Point> = (0..80)
             .map(|i| {
                 let a = f64::from(i) / 50.0;
@@ -421,7 +438,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn lanelets_that_overlap_or_repeat_points_make_no_kink() {
+    fn overlapping_lanelets_and_repeated_points_cause_no_curvature() {
         let mut network = two_lane_road(3);
         let step_back = |x: f64| Polyline::new([49.8, 49.8001, 70.0, 100.0].map(|p| Point::new(p, x))).unwrap();
         let middle = network.lanelets.get_mut(&101).unwrap();
@@ -432,7 +449,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn short_chains_and_bad_chains_have_an_answer() {
+    fn accepts_short_chains_and_rejects_invalid_ones() {
         let network = lane_along(&[Point::new(0.0, 0.0), Point::new(1.0, 0.2), Point::new(2.0, 0.3)], UTM);
         assert!((line(&network, &[1]).length() - 2.03).abs() < 0.02);
         let settings = ReferenceSettings::default();
@@ -444,7 +461,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn offset_lines_have_their_own_curvature() {
+    fn offset_poses_have_the_curvature_of_the_parallel_line() {
         let line = line(&lane_along(&turn(10.0), Vector::zeros()), &[1]);
         let (s, h, l) = (37.0, 1e-3, 2.0);
         let at = |s: f64| line.offset_pose(s, l).unwrap();

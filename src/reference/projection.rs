@@ -1,50 +1,50 @@
-//! Points to Frenet coordinates and back, and how far from the line these are unique.
+//! Projection of points to Frenet coordinates and back, and the offsets within which these coordinates are unique.
 //!
-//! The foot of a point q is a root of g(s) = (q − P(s))·T(s), whose slope is −(1 − κ l). A piece of the line between two
-//! knots holds a nearest point inside only if g falls through zero there; while |κ| times the distance is below one g
-//! falls all along, so that its signs at the knots tell, and Newton's method within them finds the root. Where the bend
-//! is too sharp for that, the piece is searched more finely. So the foot found is the nearest point of the whole line,
-//! not a nearest one near the nearest knot.
+//! **Projection.** The foot of a point q is a root of g(s) = (q − P(s))·T(s), whose derivative is −(1 − κ l). A segment
+//! between two knots contains a local minimum of the distance only if g decreases through zero there. While |κ| times the
+//! distance is below one, g decreases on the whole segment: its signs at the knots decide, and a bracketed Newton iteration
+//! solves for the root. Segments whose curvature is too large for that are subdivided. So the foot is the nearest point of
+//! the whole line, not just a local minimum near the nearest knot.
 //!
 //! **Uniqueness.** The circle that touches the line in P(s) and passes through another of its points Q has the curvature
-//! 2 d·N/‖d‖², d = Q − P(s). For Q → P(s) this is κ(s). A point at offset l has P(s) as its one nearest point exactly if
-//! the circle around it through P(s) holds no other point of the line, that is, if 1/l is above all these curvatures. So
-//! the largest of them over the line gives the range to the left, the smallest the one to the right: one formula for the
-//! radius of curvature, for sharper bends near by, and for a line that comes back to itself.
+//! 2 d·N/‖d‖², d = Q − P(s). For Q → P(s) this is κ(s). A point at offset l has P(s) as its only nearest point if and only
+//! if the circle around it through P(s) contains no other point of the line, that is, if 1/l exceeds all these curvatures.
+//! So the largest of them over the line gives the range to the left and the smallest the range to the right. One formula
+//! covers the radius of curvature, sharper curves nearby, and a line that returns to itself.
 
 use super::{Frenet, Knot, ReferenceLine};
 use crate::geometry::{Point, Vector, cross};
 
-/// Search of [`ReferenceLine::project_near`] to either side of its hint, m.
+/// Search range of [`ReferenceLine::project_near`] to either side of its hint, m.
 const WINDOW: f64 = 10.0;
-/// Pieces that a stretch between two knots is cut into where its bend is too sharp for the signs at its ends to tell.
+/// Number of parts of a segment whose curvature is too large for the signs at its ends to decide.
 const FINE_PIECES: u32 = 8;
 
 /// A foot point and the square of its distance, m².
 type Foot = (f64, Frenet);
 
 impl ReferenceLine {
-    /// The point at station `s` and offset `l`; see [`Self::unique_offsets`] for where [`Self::project`] leads back.
+    /// The point at station `s` and offset `l` (m). [`Self::project`] is its inverse within [`Self::unique_offsets`].
     #[must_use]
     pub fn from_frenet(&self, s: f64, l: f64) -> Point {
         let frame = self.curve.frame(s);
         frame.position + frame.normal() * l + self.origin
     }
 
-    /// Frenet coordinates of a point: the nearest point of the whole line, continuations included. Continuous in the
+    /// Frenet coordinates of a point, by the nearest point of the whole line, continuations included. Continuous in the
     /// point within [`Self::unique_offsets`].
     #[must_use]
     pub fn project(&self, point: Point) -> Frenet {
         let local = point - self.origin;
         let last = self.knots.len() - 1;
-        // from its first to its last knot g falls or a continuation holds a foot: there is always one
+        // a foot always exists: g changes sign between first and last knot, or a continuation contains the foot
         self.nearest_foot(local, 0, last).map_or_else(|| self.foot_at(local, self.knots[0].station).1, |(_, foot)| foot)
     }
 
-    /// Frenet coordinates of a point whose station is about `hint`: the nearest point within 10 m of it, so that a line
-    /// that comes near itself does not make the station jump. Falls back to the whole line when the way to the line gets
-    /// shorter beyond the rim of the search. Continuous in the point within [`Self::unique_offsets_within`] 10 m and the
-    /// hint's error.
+    /// Frenet coordinates of a point with a station near `hint` (m), by the nearest point within 10 m of it: the station
+    /// does not jump where the line comes near itself. Falls back to [`Self::project`] if the distance still decreases at
+    /// the end of the search range. Continuous in the point within [`Self::unique_offsets_within`] 10 m plus the error of
+    /// the hint.
     #[must_use]
     pub fn project_near(&self, point: Point, hint: f64) -> Frenet {
         let local = point - self.origin;
@@ -63,32 +63,31 @@ impl ReferenceLine {
         }
     }
 
-    /// How far to the left and to the right of station `s` Frenet coordinates are unique (m, both positive, infinite
-    /// where nothing limits them): a point of this normal at a smaller offset has the foot `s` on the whole line, and no
-    /// other as near. Rounded towards the safe side by a thousandth. Looks at every
-    /// knot: not for inner loops.
+    /// Offsets to the left and to the right of station `s` within which Frenet coordinates are unique (m, both positive,
+    /// infinite without a limit): a point on this normal with a smaller offset has its only nearest point at `s`. The values
+    /// are a thousandth on the safe side. Evaluates every knot: not for inner loops.
     #[must_use]
     pub fn unique_offsets(&self, s: f64) -> (f64, f64) {
         self.unique_offsets_within(s, f64::INFINITY)
     }
 
-    /// The same against the part of the line within `reach` metres of `s` alone: what a projection that knows about
-    /// where it is ([`Self::project_near`]) can tell apart. Where a line crosses or meets itself,
-    /// [`Self::unique_offsets`] falls to nothing and this does not.
+    /// [`Self::unique_offsets`] restricted to the part of the line within `reach` metres of `s`: the range of a projection
+    /// with a hint ([`Self::project_near`]). Where a line crosses or meets itself, [`Self::unique_offsets`] is zero and this
+    /// is not.
     #[must_use]
     pub fn unique_offsets_within(&self, s: f64, reach: f64) -> (f64, f64) {
-        /// Share by which the curvatures found are raised: a peak between two knots is found to less than this.
+        /// Relative increase of the curvatures; it exceeds the error of a maximum between two knots.
         const SAFE_SIDE: f64 = 1e-3;
         let touching = Touching::new(self, s);
         let samples: Vec<(f64, f64)> = self.stations_within(s, reach).map(|at| (at, touching.curvature(at))).collect();
         let limit = |side: f64| {
-            let found = touching.largest(&samples, side);
-            if found > 0.0 { 1.0 / (found * (1.0 + SAFE_SIDE)) } else { f64::INFINITY }
+            let largest = touching.largest(&samples, side);
+            if largest > 0.0 { 1.0 / (largest * (1.0 + SAFE_SIDE)) } else { f64::INFINITY }
         };
         (limit(1.0), limit(-1.0))
     }
 
-    /// Stations of the knots, of as dense points of the continuations, and `s`, in order, within `reach` of `s`.
+    /// Stations of the knots, of equally dense points of the continuations, and `s`, within `reach` of `s`, ascending.
     fn stations_within(&self, s: f64, reach: f64) -> impl Iterator<Item = f64> + '_ {
         let (from, to) = ((s - reach).max(-self.extension), (s + reach).min(self.length() + self.extension));
         let step = self.length() / (self.knots.len() - 1) as f64;
@@ -102,15 +101,15 @@ impl ReferenceLine {
         std::iter::once(from.min(s)).chain(first).chain([s]).chain(second).chain([to.max(s)])
     }
 
-    /// The foot of a local point on the line, with its distance's square, at a station that is taken as it is.
+    /// The offset and squared distance of a local point at a given station.
     fn foot_at(&self, local: Point, s: f64) -> Foot {
         let frame = self.curve.frame(s);
         let away = local - frame.position;
         (away.norm_squared(), Frenet { s, l: cross(frame.tangent, away) })
     }
 
-    /// The nearest point of the line between two knots, continuations included where these are its first or last. None
-    /// if the way to the line only gets shorter towards the ends of that stretch.
+    /// The nearest point of the line between two knots, including a continuation if a knot is the first or the last.
+    /// `None` if the distance has no minimum inside.
     fn nearest_foot(&self, local: Point, from: usize, to: usize) -> Option<Foot> {
         let mut best: Option<Foot> = None;
         let mut consider = |foot: Foot| {
@@ -119,18 +118,18 @@ impl ReferenceLine {
             }
             best
         };
-        let seen = |knot: &Knot| {
+        let relative = |knot: &Knot| {
             let away = local - knot.point;
             (away.dot(&knot.tangent), away.norm_squared())
         };
         let last = self.knots.len() - 1;
         let mut sharp = false;
-        let mut before = seen(&self.knots[from]);
+        let mut before = relative(&self.knots[from]);
         if from == 0 && before.0 < 0.0 {
             consider(self.foot_at(local, before.0.max(-self.extension)));
         }
         for pair in self.knots[from..=to].windows(2) {
-            let after = seen(&pair[1]);
+            let after = relative(&pair[1]);
             if before.0 >= 0.0 && after.0 < 0.0 {
                 consider(self.foot_between(local, (pair[0].station, before.0), (pair[1].station, after.0)));
             }
@@ -143,8 +142,8 @@ impl ReferenceLine {
         if sharp { self.nearest_of_sharp(local, from, to, best) } else { best }
     }
 
-    /// The pieces in which a point lies farther from the line than its bend allows: searched by smaller steps, where
-    /// they can hold a nearer foot than the one found so far.
+    /// Subdivides the segments where the point is farther from the line than the radius of curvature, if they can contain
+    /// a nearer foot than the best one.
     #[cold]
     fn nearest_of_sharp(&self, local: Point, from: usize, to: usize, mut best: Option<Foot>) -> Option<Foot> {
         for pair in self.knots[from..=to].windows(2) {
@@ -154,13 +153,13 @@ impl ReferenceLine {
             if !is_sharp(&pair[0], squares[0].max(squares[1])) || best.is_some_and(|b| b.0 <= nearest * nearest) {
                 continue;
             }
-            let along = |s: f64| {
+            let bracket = |s: f64| {
                 let frame = self.curve.frame(s);
                 (s, (local - frame.position).dot(&frame.tangent))
             };
-            let mut low = along(pair[0].station);
+            let mut low = bracket(pair[0].station);
             for i in 1..=FINE_PIECES {
-                let high = along(pair[0].station + length * f64::from(i) / f64::from(FINE_PIECES));
+                let high = bracket(pair[0].station + length * f64::from(i) / f64::from(FINE_PIECES));
                 if low.1 >= 0.0 && high.1 < 0.0 {
                     let foot = self.foot_between(local, low, high);
                     if best.is_none_or(|b| foot.0 < b.0) {
@@ -173,10 +172,10 @@ impl ReferenceLine {
         best
     }
 
-    /// The foot between two stations given with g, which is not negative at the first and negative at the second: from
-    /// the secant's root by Newton's method, kept inside the bracket.
+    /// The foot between two stations with their values of g, not negative at the first and negative at the second: a
+    /// bracketed Newton iteration from the root of the secant.
     fn foot_between(&self, local: Point, (mut low, g_low): (f64, f64), (mut high, g_high): (f64, f64)) -> Foot {
-        /// After a step as short as this, m, the error is its square times a curvature: nothing.
+        /// After a step this short, m, the error (its square times a curvature) is negligible.
         const TOLERANCE: f64 = 1e-8;
         const MAX_ITERATIONS: usize = 60;
         let mut s = low + (high - low) * (g_low / (g_low - g_high));
@@ -184,15 +183,15 @@ impl ReferenceLine {
         for _ in 0..MAX_ITERATIONS {
             let frame = self.curve.frame(s);
             let away = local - frame.position;
-            let (along, l) = (away.dot(&frame.tangent), cross(frame.tangent, away));
+            let (g, l) = (away.dot(&frame.tangent), cross(frame.tangent, away));
             foot = (away.norm_squared(), Frenet { s, l });
             let slope = 1.0 - frame.curvature * l;
-            let step = along / slope;
+            let step = g / slope;
             if slope > 0.0 && step.abs() <= TOLERANCE {
                 foot.1.s = (s + step).clamp(low, high);
                 break;
             }
-            if along > 0.0 {
+            if g > 0.0 {
                 low = s;
             } else {
                 high = s;
@@ -207,9 +206,9 @@ impl ReferenceLine {
     }
 }
 
-/// Whether a point this far away (m²) may be beyond a centre of curvature of the piece behind a knot.
+/// Whether a point at this squared distance (m²) may be beyond a centre of curvature of the segment after a knot.
 fn is_sharp(knot: &Knot, square: f64) -> bool {
-    knot.sharpest * knot.sharpest * square >= 1.0
+    knot.max_curvature * knot.max_curvature * square >= 1.0
 }
 
 /// The circles that touch the line at one station.
@@ -227,10 +226,10 @@ impl<'a> Touching<'a> {
         Self { line, s, point: frame.position, normal: frame.normal(), curvature: frame.curvature }
     }
 
-    /// Curvature of the circle that touches here and passes through the line's point at a station, 1/m; the line's own
-    /// curvature where that is here.
+    /// Curvature of the circle that touches here and passes through the point of the line at station `at`, 1/m; the
+    /// curvature of the line for `at` = `s`.
     fn curvature(&self, at: f64) -> f64 {
-        /// Nearer points give no more than the curvature here, and rounding, m.
+        /// For nearer points the formula gives the curvature here plus rounding errors, m.
         const HERE: f64 = 1e-3;
         if (at - self.s).abs() < HERE {
             return self.curvature;
@@ -239,9 +238,9 @@ impl<'a> Touching<'a> {
         2.0 * away.dot(&self.normal) / away.norm_squared().max(f64::MIN_POSITIVE)
     }
 
-    /// The largest curvature to one side (1: left, −1: right), between the samples by golden sections.
+    /// The largest curvature to one side (1: left, −1: right); golden-section search between the samples.
     fn largest(&self, samples: &[(f64, f64)], side: f64) -> f64 {
-        /// Peaks whose samples come this near to the highest one are looked at more closely.
+        /// Peaks of at least this fraction of the highest sample are refined.
         const NEAR_PEAK: f64 = 0.8;
         let value = |i: usize| side * samples[i].1;
         let last = samples.len() - 1;
@@ -257,7 +256,7 @@ impl<'a> Touching<'a> {
     }
 }
 
-/// The largest value of a function with one peak between two places, by golden sections, to 10⁻⁴ of the interval.
+/// The maximum of a function with one peak between two arguments, by golden-section search to 10⁻⁴ of the interval.
 fn golden_maximum(mut from: f64, mut to: f64, f: impl Fn(f64) -> f64) -> f64 {
     const SHARE: f64 = 0.618_033_988_749_894_9;
     const SECTIONS: usize = 20;
@@ -285,13 +284,13 @@ mod tests {
     use proptest::prelude::*;
     use std::sync::OnceLock;
 
-    /// A line through points, its lane far from the origin.
+    /// The reference line of a lane through points.
     fn through(points: &[Point], origin: Vector) -> ReferenceLine {
         line(&lane_along(points, origin), &[1])
     }
 
-    /// Points of a way whose curvature is given by arc length, every half metre.
-    fn way(length: f64, curvature: impl Fn(f64) -> f64) -> Vec<Point> {
+    /// Points every half metre of a curve with the given curvature by arc length.
+    fn curve(length: f64, curvature: impl Fn(f64) -> f64) -> Vec<Point> {
         const STEP: f64 = 0.5;
         let (mut p, mut yaw) = (Point::origin(), 0.0_f64);
         let mut points = vec![p];
@@ -305,8 +304,8 @@ mod tests {
         points
     }
 
-    /// Lines with what makes projection hard: sharp bends, a hairpin, bends to both sides, a way that comes back beside
-    /// itself, one that crosses itself.
+    /// Lines that are difficult for projection: sharp curves, a hairpin, an S-curve, a line that returns beside itself,
+    /// one that crosses itself.
     fn hard_lines() -> &'static [(&'static str, ReferenceLine)] {
         static LINES: OnceLock<Vec<(&'static str, ReferenceLine)>> = OnceLock::new();
         LINES.get_or_init(make_hard_lines)
@@ -320,25 +319,25 @@ mod tests {
         vec![
             ("sharp turn", through(&turn(4.0), UTM)),
             ("turn", through(&turn(12.0), UTM)),
-            ("hairpin", through(&way(75.0, hairpin), UTM)),
-            ("bends to both sides", through(&way(60.0, s_bend), UTM)),
-            ("crossing", through(&way(110.0, crossing), UTM)),
-            ("straight", through(&way(50.0, |_| 0.0), UTM)),
+            ("hairpin", through(&curve(75.0, hairpin), UTM)),
+            ("S-curve", through(&curve(60.0, s_bend), UTM)),
+            ("crossing", through(&curve(110.0, crossing), UTM)),
+            ("straight", through(&curve(50.0, |_| 0.0), UTM)),
         ]
     }
 
-    /// The nearest of points every 2 cm, by looking at all of them: distance and station.
-    fn nearest_by_looking(line: &ReferenceLine, point: Point) -> (f64, f64) {
+    /// Brute force: distance and station of the nearest of points every 2 cm.
+    fn nearest_by_brute_force(line: &ReferenceLine, point: Point) -> (f64, f64) {
         let (from, to) = (-line.extension, line.length() + line.extension);
         let steps = ((to - from) / 0.02) as i32;
         let local = point - line.origin;
         let at = |i: i32| from + (to - from) * f64::from(i) / f64::from(steps);
-        let seen = (0..=steps).map(|i| ((line.curve.frame(at(i)).position - local).norm(), at(i)));
-        seen.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
+        let distances = (0..=steps).map(|i| ((line.curve.frame(at(i)).position - local).norm(), at(i)));
+        distances.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
     }
 
     #[test]
-    fn the_range_of_unique_offsets_is_what_looking_at_all_points_says() {
+    fn unique_offsets_agree_with_brute_force() {
         for (name, line) in hard_lines() {
             let mut limited = 0;
             for i in 0..(line.length() / 1.7) as i32 {
@@ -347,14 +346,14 @@ mod tests {
                 for (side, limit) in [(1.0, left), (-1.0, right)] {
                     assert!(limit > 0.0, "{name}: {limit} at {s}");
                     let inside = side * (0.995 * limit).min(40.0);
-                    let (distance, at) = nearest_by_looking(line, line.from_frenet(s, inside));
+                    let (distance, at) = nearest_by_brute_force(line, line.from_frenet(s, inside));
                     assert!(distance > inside.abs() - 1e-4, "{name}: {inside} at {s} is nearer to {at}");
-                    // the sampling can't tell points whose distance differs by less than its own
+                    // sampling cannot distinguish points whose distances differ by less than its resolution
                     assert!((at - s).abs() < 1.5, "{name}: {inside} at {s} has its foot at {at}");
                     if limit < 30.0 {
                         limited += 1;
                         let outside = side * (1.01 * limit + 0.05);
-                        let (distance, _) = nearest_by_looking(line, line.from_frenet(s, outside));
+                        let (distance, _) = nearest_by_brute_force(line, line.from_frenet(s, outside));
                         assert!(distance < outside.abs() - 1e-7, "{name}: {outside} at {s} is still the nearest");
                     }
                 }
@@ -364,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crossing_line_leaves_no_offsets_against_the_whole_of_it_and_some_against_its_neighbourhood() {
+    fn a_crossing_line_has_unique_offsets_only_within_a_neighbourhood() {
         let lines = hard_lines();
         let (_, line) = lines.iter().find(|(name, _)| *name == "crossing").unwrap();
         let least = |f: &dyn Fn(f64) -> (f64, f64)| {
@@ -376,20 +375,20 @@ mod tests {
     }
 
     #[test]
-    fn beside_a_circle_the_range_ends_at_its_centre_and_on_the_other_side_where_it_closes() {
+    fn unique_offsets_of_a_circle_end_at_its_centre() {
         let circle = |s: f64| if s < 60.0 { 0.1 } else { 0.0 };
-        let line = through(&way(60.0, circle), Vector::zeros());
+        let line = through(&curve(60.0, circle), Vector::zeros());
         let (left, right) = line.unique_offsets(30.0);
         assert!((left - 10.0).abs() < 0.1, "{left}");
-        // opposite to the gap, nothing else comes near; the continuations leave to the right
+        // opposite to the gap no other part of the line is near; the continuations leave to the right
         assert!(right > 30.0, "{right}");
     }
 
     #[test]
-    fn a_point_that_walks_across_a_bend_has_a_station_that_does_not_jump() {
+    fn the_station_of_a_moving_point_does_not_jump_within_the_unique_offsets() {
         const STEP: f64 = 0.01;
         const SHARE: f64 = 0.95;
-        let mut walked = 0;
+        let mut steps = 0;
         for (name, line) in hard_lines() {
             for crossing in 0..12 {
                 let target = line.at(line.length() * (0.2 + 0.05 * f64::from(crossing))).pose;
@@ -399,11 +398,11 @@ mod tests {
                 for i in -1500..1500 {
                     let foot = line.project(target.position + direction * (f64::from(i) * STEP));
                     let (left, right) = line.unique_offsets(foot.s);
-                    // a step must not lead over the rim, either
-                    let most = |limit: f64| SHARE * limit - 10.0 * STEP;
-                    let within = foot.l < most(left) && -foot.l < most(right) && foot.s.abs() < line.length();
+                    // the next step must stay within the limits as well
+                    let max = |limit: f64| SHARE * limit - 10.0 * STEP;
+                    let within = foot.l < max(left) && -foot.l < max(right) && foot.s.abs() < line.length();
                     if let Some(last) = last.filter(|_| within) {
-                        walked += 1;
+                        steps += 1;
                         let moved = (foot.s - last.s).abs();
                         // ds = dx / (1 − κ l)
                         assert!(moved < 2.0 * STEP / (1.0 - SHARE), "{name}: from {last:?} to {foot:?}");
@@ -413,7 +412,7 @@ mod tests {
                 }
             }
         }
-        assert!(walked > 50_000, "{walked} steps only");
+        assert!(steps > 50_000, "{steps} steps only");
     }
 
     #[test]
@@ -430,12 +429,15 @@ mod tests {
         assert!(line.project_near(p, 1.0).s < 2.0);
         assert!(line.project_near(p, 124.0).s > 123.0);
         let far = Point::new(0.0, 40.0);
-        assert!((line.project_near(far, 3.0).s - line.project(far).s).abs() < 1e-9, "a wrong hint does no harm");
+        assert!(
+            (line.project_near(far, 3.0).s - line.project(far).s).abs() < 1e-9,
+            "a wrong hint must not change the result"
+        );
         let nowhere = Point::new(f64::NAN, 0.0);
         assert!(line.project(nowhere).l.is_nan() && line.project_near(nowhere, 3.0).l.is_nan());
     }
 
-    /// A line moved, turned and (left for right) mirrored.
+    /// Points that are translated, rotated and mirrored.
     fn changed(points: &[Point], yaw: f64, to: Vector, mirrored: bool) -> (Vec<Point>, impl Fn(Point) -> Point) {
         let side = if mirrored { -1.0 } else { 1.0 };
         let change = move |p: Point| {
@@ -446,8 +448,8 @@ mod tests {
     }
 
     #[test]
-    fn moved_turned_and_mirrored_lines_give_the_same_coordinates() {
-        let points = way(70.0, |s| 0.2 * (s / 6.0).sin());
+    fn coordinates_are_invariant_under_rigid_motions_and_mirroring() {
+        let points = curve(70.0, |s| 0.2 * (s / 6.0).sin());
         let line = through(&points, Vector::zeros());
         for (yaw, to, mirrored) in [(0.0, UTM, false), (1.1, UTM, false), (-2.7, -UTM, true), (0.0, UTM * 0.0, true)] {
             let (there, change) = changed(&points, yaw, to, mirrored);
@@ -497,9 +499,9 @@ mod tests {
             let distance = (line.at(found.s).pose.position - p).norm();
             let beyond = found.s <= -line.extension || found.s >= line.length() + line.extension;
             prop_assert!((distance - found.l.abs()).abs() < 1e-9 || beyond);
-            let (brute, at) = nearest_by_looking(line, p);
-            prop_assert!(distance <= brute + 1e-9, "{distance} against {brute} at {at}");
-            // and back to the same point, wherever it is
+            let (brute, at) = nearest_by_brute_force(line, p);
+            prop_assert!(distance <= brute + 1e-9, "{distance}, but {brute} at {at}");
+            // the round trip holds everywhere
             prop_assert!(beyond || (line.from_frenet(found.s, found.l) - p).norm() < 1e-6);
         }
     }

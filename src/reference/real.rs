@@ -1,9 +1,9 @@
-//! Reference lines of published road networks: tests that are skipped, aloud, without the files.
+//! Reference lines of published road networks. The tests print a note and pass if the files do not exist.
 
 use super::tests::{WIDTH, line, real_data, real_scenarios};
 use super::*;
 
-/// Chains from every drivable lanelet, through each of its successors and on along the first ones, about 200 m long.
+/// Chains of about 200 m from every drivable lanelet: each of its successors, then always the first successor.
 fn chains(network: &RoadNetwork) -> Vec<Vec<LaneletId>> {
     let known = |id: &LaneletId| network.lanelets.contains_key(id);
     let mut chains = Vec::new();
@@ -32,15 +32,14 @@ fn chains(network: &RoadNetwork) -> Vec<Vec<LaneletId>> {
     chains
 }
 
-/// Largest gap between a lanelet's end and its successor's begin on a chain, m.
+/// Largest gap between the end of a lanelet and the start of its successor on a chain, m.
 fn largest_gap(network: &RoadNetwork, chain: &[LaneletId]) -> f64 {
     let centre = |id: &LaneletId| &network.lanelets[id].centre;
     chain.windows(2).map(|w| (centre(&w[1]).first() - centre(&w[0]).last()).norm()).fold(0.0, f64::max)
 }
 
-/// Where the centre line itself is inside its lane, the smoothed line must be, too: what is left to its bounds where it
-/// runs nearest to one (m, negative outside), with the station. Bounds that jump where lanelets meet, or cross, leave
-/// their centre line outside; nothing is asked there.
+/// The smallest distance of the smoothed line to a lane bound (m, negative outside), with its station, over the knots where
+/// the centre line itself is inside its lane. Bounds that jump or cross where lanelets meet leave the centre line outside.
 fn nearest_to_bound(network: &RoadNetwork, chain: &[LaneletId], line: &ReferenceLine) -> (f64, f64) {
     let lanelets: Vec<&Lanelet> = chain.iter().map(|id| &network.lanelets[id]).collect();
     let joined = |side: fn(&Lanelet) -> &Polyline| joined(&lanelets, line.origin, side);
@@ -49,18 +48,18 @@ fn nearest_to_bound(network: &RoadNetwork, chain: &[LaneletId], line: &Reference
     let centre = joined(|l| &l.centre).unwrap();
     let steps = line.knots.len() - 1;
     let points: Vec<Point> = (0..=steps).map(|i| centre.at(centre.length() * i as f64 / steps as f64)).collect();
-    let inside = |(left, right): &(f64, f64)| left.min(*right) > ReferenceSettings::default().least_freedom + 0.05;
-    let widths = bounds.along(&points);
-    // where a bound jumps it is the neighbours' widths that tell
+    let inside = |(left, right): &(f64, f64)| left.min(*right) > ReferenceSettings::default().min_freedom + 0.05;
+    let widths = bounds.distances(&points);
+    // a jump of a bound shows in the widths of the neighbours
     let clear = |i: usize| widths[i.saturating_sub(3)..(i + 4).min(widths.len())].iter().all(inside);
-    let seen = line.knots.iter().enumerate().filter(|(i, _)| clear(*i));
-    let seen = seen.map(|(_, knot)| (knot.left.min(knot.right), knot.station));
-    seen.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, 0.0))
+    let checked = line.knots.iter().enumerate().filter(|(i, _)| clear(*i));
+    let checked = checked.map(|(_, knot)| (knot.left.min(knot.right), knot.station));
+    checked.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, 0.0))
 }
 
-/// Built, smoothed, inside its lane, of finite curvature, and with coordinates that come back: every chain.
+/// Every chain has a smoothed line inside its lane, with finite curvature and coordinates that survive a round trip.
 #[test]
-fn real_lanes_make_usable_lines() {
+fn published_lanes_have_usable_lines() {
     let Some(folder) = real_data("commonroad") else { return };
     let settings = ReferenceSettings::default();
     let (mut count, mut metres, mut seconds, mut round_trips) = (0, 0.0, 0.0, 0);
@@ -73,7 +72,7 @@ fn real_lanes_make_usable_lines() {
                 Ok(line) => line,
                 Err(failure) => {
                     let length: f64 = chain.iter().map(|id| network.lanelets[id].centre.length()).sum();
-                    assert!(length < SHORTEST, "{name} {chain:?}: {failure}");
+                    assert!(length < MIN_LENGTH, "{name} {chain:?}: {failure}");
                     continue;
                 }
             };
@@ -86,9 +85,9 @@ fn real_lanes_make_usable_lines() {
             nearest.push((-bound, place(s)));
             let steps = (line.length() / 0.25) as i32;
             let curvature = |i: i32| line.at(f64::from(i) * 0.25).curvature.abs();
-            let (most, at) = (0..=steps).map(|i| (curvature(i), i)).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+            let (max, at) = (0..=steps).map(|i| (curvature(i), i)).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
             assert!((0..=steps).all(|i| curvature(i).is_finite()), "{}", place(0.0));
-            sharpest.push((most, place(f64::from(at) * 0.25)));
+            sharpest.push((max, place(f64::from(at) * 0.25)));
             round_trips += round_trip(&line, &place);
         }
     }
@@ -106,7 +105,7 @@ fn real_lanes_make_usable_lines() {
     assert!(nearest[0].0 < 0.0, "outside its lane: {:?}", nearest[0]);
 }
 
-/// Both round trips at some places within the unique range, 5 m to either side at most.
+/// Both round trips at some places within the unique offsets, at most 5 m to either side.
 fn round_trip(line: &ReferenceLine, place: &dyn Fn(f64) -> String) -> usize {
     let steps = (line.length() / 7.3) as i32;
     for i in 0..=steps {
@@ -125,9 +124,9 @@ fn round_trip(line: &ReferenceLine, place: &dyn Fn(f64) -> String) -> usize {
     2 * (steps as usize + 1)
 }
 
-/// The corridors that the planner will really be given: their lines, and where the start lies on them.
+/// The corridors that the route planner returns: their lines contain the start and the goal.
 #[test]
-fn real_corridors_hold_their_start_and_goal() {
+fn published_corridors_contain_their_start_and_goal() {
     let Some(folder) = real_data("commonroad") else { return };
     let mut sharpest: Vec<(f64, String)> = Vec::new();
     for (name, scenario) in real_scenarios(&folder) {

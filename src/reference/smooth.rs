@@ -1,25 +1,29 @@
 //! Smoothing of a centre line inside its lane, as a convex program.
 //!
-//! The line is resampled at even steps h into points cᵢ with normals nᵢ. Variables are the displacements lᵢ along the
-//! normals; pᵢ = cᵢ + lᵢ nᵢ. With the smoothing length λ:
+//! The line is resampled at equal steps h into points cᵢ with normals nᵢ. The variables are the displacements lᵢ along the
+//! normals, pᵢ = cᵢ + lᵢ nᵢ. With the smoothing length λ:
 //!
 //! ```text
 //! minimise    Σ lᵢ² + λ⁶ Σ ‖Δ³pᵢ / h³‖²
 //! subject to  −rightᵢ ≤ lᵢ ≤ leftᵢ
 //! ```
 //!
-//! The third difference is the derivative of curvature: the smoothest line is one of clothoids, which is what a driver
-//! steers. Undulations shorter than about 2πλ are smoothed away, longer ones stay. l = 0 is always feasible.
+//! The third difference approximates the derivative of curvature: the smoothest line consists of clothoids, as a driver
+//! steers them. Undulations shorter than about 2πλ are removed, longer ones remain. l = 0 is always feasible.
 //!
-//! The normal equations have three off-diagonals, so a guess of the active bounds costs a solve in linear time. The
-//! primal-dual active set method (Hintermüller, Ito & Kunisch 2002) starts with none, which is right for most lanes, and
-//! takes the bounds that are crossed and drops those that pull. When nothing changes any more the optimality conditions
-//! hold exactly. It may cycle in theory; then the interior-point solver is asked, whose answer is good to its tolerance only.
+//! The matrix of the normal equations has three off-diagonals, so that a solve with given active bounds takes linear time.
+//! The primal-dual active set method (Hintermüller, Ito & Kunisch 2002) starts without active bounds, which is correct for
+//! most lanes; it adds violated bounds and drops bounds with a multiplier of the wrong sign. When the set no longer changes,
+//! the optimality conditions hold exactly. The method may cycle in theory; then Clarabel solves the program, to its
+//! tolerance.
+//!
+//! Weak: the program is linear in the displacements along fixed normals, so that a curve tighter than the lane is wide is
+//! smoothed only approximately.
 
 use crate::convex::QuadraticProgram;
 use crate::geometry::{Point, Vector};
 
-/// How far a point may move to either side, m, both positive.
+/// Permitted displacement of a point to either side, m, both positive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Freedom {
     pub(super) left: f64,
@@ -31,14 +35,14 @@ pub(super) fn normals(points: &[Point]) -> Vec<Vector> {
     let last = points.len().saturating_sub(1);
     (0..points.len())
         .map(|i| {
-            let along = points[(i + 1).min(last)] - points[i.saturating_sub(1)];
-            let along = along.try_normalize(1e-12).unwrap_or_else(Vector::x);
-            Vector::new(-along.y, along.x)
+            let chord = points[(i + 1).min(last)] - points[i.saturating_sub(1)];
+            let tangent = chord.try_normalize(1e-12).unwrap_or_else(Vector::x);
+            Vector::new(-tangent.y, tangent.x)
         })
         .collect()
 }
 
-/// The smoothed points. `None` if the solver fails: the caller goes on with the points as they are.
+/// The smoothed points; `None` if both solvers fail.
 pub(super) fn smoothed(
     points: &[Point],
     normals: &[Vector],
@@ -65,8 +69,8 @@ struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Every third difference: the first of its four points, its factors on their displacements, and its value where
-    /// none is displaced.
+    /// Every third difference: the first of its four points, its factors of their displacements, and its value without
+    /// displacements.
     fn differences(&self) -> impl Iterator<Item = (usize, [f64; 4], f64)> + '_ {
         let firsts = 0..self.points.len().saturating_sub(BAND);
         firsts.flat_map(|first| [0, 1].map(|axis| (first, axis))).map(|(first, axis)| {
@@ -76,8 +80,8 @@ impl Problem<'_> {
         })
     }
 
-    /// Matrix and right side of the normal equations. Row i of the matrix holds the entries (i, i), (i, i + 1), … of the
-    /// symmetric whole.
+    /// Matrix and right-hand side of the normal equations. Row i contains the entries (i, i), (i, i + 1), … of the symmetric
+    /// matrix.
     fn normal_equations(&self) -> (Vec<[f64; BAND + 1]>, Vec<f64>) {
         let n = self.points.len();
         let mut matrix = vec![[1.0, 0.0, 0.0, 0.0]; n];
@@ -93,22 +97,22 @@ impl Problem<'_> {
         (matrix, right)
     }
 
-    /// The displacements by the primal-dual active set method; `None` if it does not settle.
+    /// The displacements by the primal-dual active set method; `None` if it does not converge.
     fn by_active_set(&self) -> Option<Vec<f64>> {
-        /// Most changes of the active bounds; a set that has not settled by then cycles.
-        const MOST_CHANGES: usize = 40;
+        /// Maximum number of changes of the active set; beyond it the method cycles.
+        const MAX_CHANGES: usize = 40;
         let (matrix, right) = self.normal_equations();
         let mut active: Vec<Option<f64>> = vec![None; right.len()];
-        for _ in 0..MOST_CHANGES {
+        for _ in 0..MAX_CHANGES {
             let moves = solved_with(matrix.clone(), right.clone(), &active);
             if moves.iter().any(|l| !l.is_finite()) {
                 return None;
             }
-            let pull = pulls(&matrix, &right, &moves);
-            let next: Vec<Option<f64>> = (moves.iter().zip(&pull).zip(self.freedom).zip(&active))
-                .map(|(((l, pull), free), held)| match held {
-                    // a bound is kept as long as the rest of the line pushes against it
-                    Some(bound) => (*pull * bound > 0.0).then_some(*bound),
+            let residuals = residuals(&matrix, &right, &moves);
+            let next: Vec<Option<f64>> = (moves.iter().zip(&residuals).zip(self.freedom).zip(&active))
+                .map(|(((l, residual), free), active)| match active {
+                    // a bound stays active while the objective pushes against it
+                    Some(bound) => (*residual * bound > 0.0).then_some(*bound),
                     None if *l > free.left => Some(free.left),
                     None if *l < -free.right => Some(-free.right),
                     None => None,
@@ -138,9 +142,9 @@ impl Problem<'_> {
     }
 }
 
-/// Solves the system with some of the unknowns held at given values.
-fn solved_with(mut matrix: Vec<[f64; BAND + 1]>, mut right: Vec<f64>, held: &[Option<f64>]) -> Vec<f64> {
-    for (i, value) in held.iter().enumerate() {
+/// Solves the system with some of the unknowns fixed at given values.
+fn solved_with(mut matrix: Vec<[f64; BAND + 1]>, mut right: Vec<f64>, fixed: &[Option<f64>]) -> Vec<f64> {
+    for (i, value) in fixed.iter().enumerate() {
         let Some(value) = value else { continue };
         for k in 1..=BAND {
             if i + k < right.len() {
@@ -157,21 +161,21 @@ fn solved_with(mut matrix: Vec<[f64; BAND + 1]>, mut right: Vec<f64>, held: &[Op
     solved(matrix, right)
 }
 
-/// What the objective pulls each unknown with, right − matrix · x: nothing where it is free.
-fn pulls(matrix: &[[f64; BAND + 1]], right: &[f64], x: &[f64]) -> Vec<f64> {
-    let mut pull = right.to_vec();
+/// The residual right − matrix · x: zero for free unknowns, the multiplier of active ones.
+fn residuals(matrix: &[[f64; BAND + 1]], right: &[f64], x: &[f64]) -> Vec<f64> {
+    let mut residuals = right.to_vec();
     for (i, row) in matrix.iter().enumerate() {
-        pull[i] -= row[0] * x[i];
+        residuals[i] -= row[0] * x[i];
         for k in 1..=BAND.min(x.len() - 1 - i) {
-            pull[i] -= row[k] * x[i + k];
-            pull[i + k] -= row[k] * x[i];
+            residuals[i] -= row[k] * x[i + k];
+            residuals[i + k] -= row[k] * x[i];
         }
     }
-    pull
+    residuals
 }
 
-/// Solves a symmetric positive definite banded system by LDLᵀ in place (Golub & Van Loan, 4.3): row i of the matrix
-/// holds its entries from the diagonal to the right.
+/// Solves a symmetric positive definite banded system by LDLᵀ in place (Golub & Van Loan, 4.3). Row i of the matrix
+/// contains its entries from the diagonal to the right.
 fn solved(mut matrix: Vec<[f64; BAND + 1]>, mut x: Vec<f64>) -> Vec<f64> {
     let n = x.len();
     for i in 0..n {
@@ -195,7 +199,7 @@ fn solved(mut matrix: Vec<[f64; BAND + 1]>, mut x: Vec<f64>) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// A wave with jags, and its program.
+    /// Runs a test on the program of a jagged wave.
     fn with_problem(count: i32, jag: f64, test: impl FnOnce(&Problem<'_>)) {
         let points: Vec<Point> = (0..count)
             .map(|i| Point::new(f64::from(i), (0.2 * f64::from(i)).sin() + jag * f64::from(i * i % 7 - 3)))
@@ -215,12 +219,12 @@ mod tests {
     }
 
     #[test]
-    fn the_active_set_finds_the_optimum_of_the_interior_point_solver_with_and_without_bounds_that_bite() {
-        let mut bitten = 0;
+    fn active_set_and_interior_point_agree() {
+        let mut at_bounds = 0;
         for count in [1, 2, 3, 4, 5, 40, 200] {
             for jag in [0.01, 0.05, 0.15, 0.4] {
                 with_problem(count, jag, |problem| {
-                    let found = problem.by_active_set().expect("settles");
+                    let found = problem.by_active_set().expect("converges");
                     let slow = problem.by_interior_point().expect("solved");
                     for (a, b) in found.iter().zip(&slow) {
                         assert!((a - b).abs() < 2e-3, "{a} against {b} of {count}, {jag}");
@@ -229,22 +233,22 @@ mod tests {
                     assert!(best <= other * (1.0 + 1e-6) + 1e-9, "{best} against {other} of {count}, {jag}");
                     for (l, free) in found.iter().zip(problem.freedom) {
                         assert!(-free.right <= *l && *l <= free.left, "{l} is outside");
-                        bitten += usize::from(*l == free.left || *l == -free.right);
+                        at_bounds += usize::from(*l == free.left || *l == -free.right);
                     }
-                    assert!(count < 5 || found.iter().any(|l| l.abs() > 1e-3), "nothing was smoothed");
+                    assert!(count < 5 || found.iter().any(|l| l.abs() > 1e-3), "no point was smoothed");
                 });
             }
         }
-        assert!(bitten > 100, "{bitten}");
+        assert!(at_bounds > 100, "{at_bounds}");
     }
 
     #[test]
-    fn the_banded_solver_solves() {
+    fn solves_a_banded_system() {
         let matrix = vec![[4.0, 1.0, -0.5, 0.25]; 9];
         let full = |i: usize, j: usize| matrix[0].get(i.abs_diff(j)).copied().unwrap_or(0.0);
-        let wanted: Vec<f64> = (0..9).map(|i| f64::from(i) - 3.5).collect();
-        let right = (0..9).map(|i| (0..9).map(|j| full(i, j) * wanted[j]).sum()).collect();
-        for (a, b) in solved(matrix.clone(), right).iter().zip(&wanted) {
+        let expected: Vec<f64> = (0..9).map(|i| f64::from(i) - 3.5).collect();
+        let right = (0..9).map(|i| (0..9).map(|j| full(i, j) * expected[j]).sum()).collect();
+        for (a, b) in solved(matrix.clone(), right).iter().zip(&expected) {
             assert!((a - b).abs() < 1e-12, "{a} against {b}");
         }
     }

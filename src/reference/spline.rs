@@ -1,18 +1,20 @@
-//! A curve through points whose curvature and its derivative are continuous, by arc length.
+//! A curve through points with continuous curvature and curvature rate, parametrised by arc length.
 //!
-//! The natural quintic spline (C⁴) over the chord length t: of all curves through the points it has the least ∫‖P‴‖² dt
-//! (Schoenberg 1964; de Boor, *A Practical Guide to Splines*, ch. XIII), which is the measure that smoothing penalises.
-//! Its first and second derivatives at the points solve a symmetric positive definite system, block tridiagonal with 2×2
-//! blocks. At the ends P‴ = P⁗ = 0, so that curvature goes on there as it comes and is not forced to zero in a bend.
+//! The curve is the natural quintic spline (C⁴) over the chord length t: of all curves through the points it minimises
+//! ∫‖P‴‖² dt (Schoenberg 1964; de Boor, *A Practical Guide to Splines*, ch. XIII), the measure that smoothing penalises. Its
+//! first and second derivatives at the points solve a symmetric positive definite system, block tridiagonal with 2×2 blocks.
+//! At the ends P‴ = P⁗ = 0, so that the curvature there is free and not forced to zero in a curve.
 //!
-//! The spline's parameter t is not arc length; in each segment t is a quintic polynomial of arc length that matches t,
-//! dt/ds and d²t/ds² at both ends, with the segments' lengths by Gauss–Legendre quadrature. So evaluation is explicit;
-//! position, tangent, curvature and its derivative at a parameter are exact for the curve, and |dP/ds| is 1 at the knots
-//! and nearly so between them (on real lanes the largest error of a line is 6e-8 in the median, 1e-5 in 95 of 100, and 2e-3
-//! where one bends by a radian between two points).
+//! The parameter t of the spline is not arc length. In each segment t is a quintic polynomial of arc length that matches t,
+//! dt/ds and d²t/ds² at both ends; Gauss–Legendre quadrature gives the lengths of the segments. So evaluation is explicit.
+//! Position, tangent, curvature and curvature rate at a parameter are exact for the curve. |dP/ds| is 1 at the knots and
+//! nearly 1 between them: on published lanes the largest error of a line is 6e-8 in the median, 1e-5 for 95 of 100 lines,
+//! and 2e-3 where a line turns by a radian between two points.
 //!
-//! Weak: of rough data (a corner between two points) an interpolating spline makes waves that die out over about three
-//! points. It is meant for smoothed points.
+//! Outside [0, length] the curve continues straight, with curvature 0.
+//!
+//! Weak: for rough data (a corner between two points) the spline oscillates over about three points. It is meant for
+//! smoothed points.
 
 use nalgebra::Matrix2;
 
@@ -20,7 +22,7 @@ use crate::geometry::quadrature::GAUSS_5;
 use crate::geometry::spiral::PathPoint;
 use crate::geometry::{Point, Pose, Vector, cross};
 
-/// The curve. At least one segment.
+/// The curve; at least one segment.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Spline {
     segments: Vec<Segment>,
@@ -48,7 +50,7 @@ struct Segment {
     station: f64,
     /// Arc length of the segment, m.
     length: f64,
-    /// Position by powers of the spline parameter from the segment's start.
+    /// Position by powers of the spline parameter from the start of the segment.
     position: [Vector; 6],
     /// Spline parameter by powers of s/length.
     parameter: [f64; 6],
@@ -62,7 +64,7 @@ struct Knot {
 }
 
 impl Spline {
-    /// The curve through at least two points, no two neighbours equal.
+    /// The curve through at least two points. `None` if two neighbours coincide or a coordinate is not finite.
     pub(super) fn through(points: &[Point]) -> Option<Self> {
         let steps: Vec<f64> = points.windows(2).map(|w| (w[1] - w[0]).norm()).collect();
         if steps.is_empty() || steps.iter().any(|h| !(h.is_finite() && *h > 1e-9)) {
@@ -85,12 +87,12 @@ impl Spline {
         self.length
     }
 
-    /// Arc length at each of the points it runs through.
+    /// Arc length at each of the interpolated points, m.
     pub(super) fn stations(&self) -> impl Iterator<Item = f64> + '_ {
         self.segments.iter().map(|s| s.station).chain(std::iter::once(self.length))
     }
 
-    /// The same as [`Self::at`] without angles, for searches.
+    /// [`Self::at`] without angles, for searches.
     pub(super) fn frame(&self, s: f64) -> TangentFrame {
         let inside = s.clamp(0.0, self.length);
         let mut frame = self.segment(inside).at(inside).frame();
@@ -111,13 +113,13 @@ impl Spline {
         PathPoint { pose: point.pose.advanced(s - inside), curvature: 0.0, curvature_rate: 0.0 }
     }
 
-    /// An upper bound of |κ| on the segment that begins at a knot (1/m): its largest value at some points, and a share
-    /// on top for what lies between them.
-    pub(super) fn sharpest_behind(&self, station: f64) -> f64 {
-        const SHARE: f64 = 1.25;
+    /// An upper bound of |κ| on the segment that begins at a knot (1/m): the maximum over five points, with a factor for
+    /// the values between them.
+    pub(super) fn max_curvature_after(&self, station: f64) -> f64 {
+        const FACTOR: f64 = 1.25;
         let segment = self.segment(station);
         let stations = [0.0, 0.25, 0.5, 0.75, 1.0].map(|u| segment.station + u * segment.length);
-        SHARE * stations.iter().fold(0.0, |most: f64, s| most.max(segment.at(*s).bend().2.abs()))
+        FACTOR * stations.iter().fold(0.0, |max: f64, s| max.max(segment.at(*s).curvature().2.abs()))
     }
 
     fn segment(&self, inside: f64) -> &Segment {
@@ -127,15 +129,15 @@ impl Spline {
 
 /// First and second derivatives of the natural quintic spline at its points.
 ///
-/// ∫‖P‴‖² of a quintic segment is a quadratic form in the derivatives at its two ends; where the sum of all segments is
-/// least, P‴ and P⁗ are continuous. The 2×2 blocks belong to (P′, mean step · P″) of a point, both without unit; their
-/// elimination needs no pivots because the form is positive definite.
+/// ∫‖P‴‖² of a quintic segment is a quadratic form in the derivatives at its two ends; at the minimum of the sum over all
+/// segments P‴ and P⁗ are continuous. The 2×2 blocks belong to (P′, mean step · P″) of a point, both without unit. The form
+/// is positive definite, so that elimination needs no pivoting.
 fn derivatives(points: &[Point], steps: &[f64]) -> Option<Vec<Knot>> {
     let n = points.len();
     if n == 2 {
-        // two points leave the natural spline free; the straight line is the one wanted
-        let along = (points[1] - points[0]) / steps[0];
-        return Some(vec![Knot { first: along, second: Vector::zeros() }; 2]);
+        // two points do not determine the natural spline: use the straight line
+        let tangent = (points[1] - points[0]) / steps[0];
+        return Some(vec![Knot { first: tangent, second: Vector::zeros() }; 2]);
     }
     let unit = steps.iter().sum::<f64>() / steps.len() as f64;
     let mut diagonal = vec![Matrix2::<f64>::zeros(); n];
@@ -169,7 +171,7 @@ fn derivatives(points: &[Point], steps: &[f64]) -> Option<Vec<Knot>> {
     Some(solution.iter().map(knot).collect())
 }
 
-/// The quintic with these values and derivatives at both ends of an interval of length `h`, by rising powers.
+/// The quintic with these values and derivatives at both ends of an interval of length `h`, by ascending powers.
 fn hermite((p0, k0): (Vector, Knot), (p1, k1): (Vector, Knot), h: f64) -> [Vector; 6] {
     let c2 = k0.second / 2.0;
     let position = (p1 - p0 - k0.first * h - c2 * (h * h)) / (h * h * h);
@@ -186,7 +188,7 @@ struct Jet([Vector; 4]);
 
 impl Jet {
     /// |P′|², |P′| and the curvature P′×P″/|P′|³.
-    fn bend(&self) -> (f64, f64, f64) {
+    fn curvature(&self) -> (f64, f64, f64) {
         let [_, first, second, _] = self.0;
         let square = first.norm_squared();
         let speed = square.sqrt();
@@ -194,14 +196,14 @@ impl Jet {
     }
 
     fn frame(&self) -> TangentFrame {
-        let (_, speed, curvature) = self.bend();
+        let (_, speed, curvature) = self.curvature();
         TangentFrame { position: Point::from(self.0[0]), tangent: self.0[1] / speed, curvature }
     }
 
     fn path_point(&self) -> PathPoint {
         let [position, first, second, third] = self.0;
-        let (square, speed, curvature) = self.bend();
-        // d/dt of the curvature, over |P′|
+        let (square, speed, curvature) = self.curvature();
+        // derivative of the curvature by t, over |P′|
         let curvature_rate =
             (cross(first, third) / (square * speed) - 3.0 * curvature * first.dot(&second) / square) / speed;
         let pose = Pose { position: Point::from(position), yaw: first.y.atan2(first.x) };
@@ -232,13 +234,13 @@ impl Segment {
         segment
     }
 
-    /// The curve at arc length `s` of the whole.
+    /// The curve at arc length `s` of the whole curve.
     fn at(&self, s: f64) -> Jet {
         let u = (s - self.station) / self.length;
         self.jet(self.parameter.iter().rev().fold(0.0, |sum, c| sum * u + c))
     }
 
-    /// The curve at parameter `t`: Horner's scheme for the polynomial and its derivatives at once.
+    /// The curve at parameter `t`, by Horner's scheme for the polynomial and its derivatives.
     fn jet(&self, t: f64) -> Jet {
         let mut jet = [self.position[5], Vector::zeros(), Vector::zeros(), Vector::zeros()];
         for c in self.position[..5].iter().rev() {
@@ -264,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn circle_has_its_length_and_curvature() {
+    fn a_circle_has_its_length_and_curvature() {
         let spline = circle(6.0, 1.0, 10);
         assert!((spline.length() - 9.0).abs() < 2e-3, "{}", spline.length());
         for i in 0..90 {
@@ -276,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn parameter_is_arc_length_and_derivatives_agree_with_differences() {
+    fn is_parametrised_by_arc_length_and_derivatives_agree_with_differences() {
         let wave: Vec<Point> = (0..30).map(|i| Point::new(f64::from(i), 2.0 * (0.4 * f64::from(i)).sin())).collect();
         let spline = Spline::through(&wave).unwrap();
         let h = 1e-4;
@@ -336,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn two_points_make_a_line_and_one_or_equal_ones_none() {
+    fn two_points_make_a_line_and_single_or_equal_points_are_rejected() {
         let line = Spline::through(&[Point::new(0.0, 0.0), Point::new(3.0, 4.0)]).unwrap();
         assert!((line.length() - 5.0).abs() < 1e-12);
         assert!((line.at(7.5).pose.position - Point::new(4.5, 6.0)).norm() < 1e-12);

@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use crate::bench::quantile;
 use crate::drive::{Outcome, Run, Settings};
 use crate::lattice::EdgeCounts;
-use crate::planner::{Cycle, Decision, Rejection, Smoothing, UncertaintyMode};
+use crate::planner::{Cycle, Decision, NoLane, Rejection, Smoothing, UncertaintyMode};
 use crate::simulation::{Log, Sample};
 use crate::speed::{smoothing, tail};
 use crate::verdict::{self, Metrics};
@@ -55,8 +55,17 @@ impl RunResult {
         }
         let hash = json::hash(&json.clone().into(), &samples);
         json.insert("hash".into(), hash.clone().into());
+        if let Some(detail) = reason_detail(run) {
+            json.insert("reason_detail".into(), detail.into());
+        }
         Self { pass, metrics, planning, hash, json }
     }
+}
+
+/// Positions and lanelets behind the reason of a run that has no lane to drive on, as a sentence.
+pub(crate) fn reason_detail(run: &Run) -> Option<String> {
+    let reason = NoLane::ALL.into_iter().find(|reason| Some(reason.code()) == run.reason)?;
+    reason.detail(run.scenario, run.problem)
 }
 
 /// Metrics of planning.
@@ -128,7 +137,7 @@ fn planning(run: &Run, settings: &Settings) -> Planning {
     run.cycles.iter().for_each(|c| edges.add(&c.edges));
     let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
     let comfortable = run.vehicle.comfort.deceleration;
-    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::PATIENCE;
+    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::MAX_CREEPING_TIME;
     Planning {
         rejections: Rejection::ALL.map(rejected).to_vec(),
         edges,

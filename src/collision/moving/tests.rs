@@ -1,4 +1,4 @@
-//! Grown predictions against sampled motions, and what is left out.
+//! Reachable sets compared with sampled motions, and predictions without some obstacles.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -16,11 +16,11 @@ use crate::trajectory::SpeedProfile;
 const FREE: MotionBounds =
     MotionBounds { longitudinal: 2.0, lateral: 0.6, max_lateral_deviation: f64::INFINITY, vehicles_reverse: true };
 /// Length of the predictions, s.
-const LASTING: f64 = 6.0;
+const DURATION: f64 = 6.0;
 /// Step of the sampled motions, s.
 const STEP: f64 = 0.005;
 
-/// A prediction: from a pose, at a speed that changes at a rate to zero at the least, turning at a rate.
+/// A prediction: start pose, speed (not below zero), acceleration, yaw rate.
 #[derive(Debug, Clone)]
 struct Predicted {
     kind: ObstacleKind,
@@ -28,19 +28,19 @@ struct Predicted {
     speed: f64,
     acceleration: f64,
     turning: f64,
-    /// States are this far apart, s.
+    /// Time between states, s.
     interval: f64,
 }
 
 impl Predicted {
     fn obstacle(&self) -> Obstacle {
         let states =
-            (0..=(LASTING / self.interval).round() as usize).scan((self.from, self.speed), |(pose, speed), i| {
+            (0..=(DURATION / self.interval).round() as usize).scan((self.from, self.speed), |(pose, speed), i| {
                 let state = TimedPose { time: self.interval * i as f64, pose: *pose, speed: *speed };
-                let way = *speed * self.interval;
+                let distance = *speed * self.interval;
                 let middle = Pose { yaw: pose.yaw + 0.5 * self.turning * self.interval, ..*pose };
                 *pose = Pose {
-                    position: middle.advanced(way).position,
+                    position: middle.advanced(distance).position,
                     yaw: wrap_angle(pose.yaw + self.turning * self.interval),
                 };
                 *speed = (*speed + self.acceleration * self.interval).max(0.0);
@@ -52,7 +52,7 @@ impl Predicted {
 }
 
 fn predictions(obstacles: &[Obstacle]) -> Predictions {
-    Predictions::new(obstacles, Origin::amid([]), &CollisionSettings::default(), LASTING)
+    Predictions::new(obstacles, Origin::amid([]), &CollisionSettings::default(), DURATION)
 }
 
 fn predicted() -> impl Generator<Value = Predicted> {
@@ -66,7 +66,7 @@ fn predicted() -> impl Generator<Value = Predicted> {
     )
 }
 
-/// How a sampled motion chooses its accelerations: pushed in one direction, later in the opposite one, or at random.
+/// Accelerations of a sampled motion: in one direction, later in the opposite one, mixed with noise.
 #[derive(Debug, Clone)]
 struct Push {
     direction: f64,
@@ -82,12 +82,12 @@ fn push() -> impl Generator<Value = Push> {
         .prop_map(|(direction, turns_at, noise, share_of_noise)| Push { direction, turns_at, noise, share_of_noise })
 }
 
-/// The deviations of a motion within the bounds every [`STEP`] from `now` on, as far as they can be kept.
+/// The deviations of a motion within the bounds, every [`STEP`] from `now` on, as long as it satisfies the bounds.
 fn deviations(obstacle: &Obstacle, now: f64, bounds: &MotionBounds, push: &Push) -> Vec<Vector> {
     let reverses = bounds.vehicles_reverse || obstacle.kind == ObstacleKind::Pedestrian;
     let (mut at, mut velocity) = (Vector::zeros(), Vector::zeros());
     let mut found = vec![at];
-    while now + STEP * found.len() as f64 <= LASTING {
+    while now + STEP * found.len() as f64 <= DURATION {
         let s = STEP * (found.len() - 1) as f64;
         let (before, after) = (obstacle.pose_at(now + s).unwrap(), obstacle.pose_at(now + s + STEP).unwrap());
         let pose = before.interpolated(&after, 0.5);
@@ -102,20 +102,22 @@ fn deviations(obstacle: &Obstacle, now: f64, bounds: &MotionBounds, push: &Push)
             let acceleration = pose.forward() * longitudinal + pose.left() * lateral;
             (at + velocity * STEP + acceleration * (0.5 * STEP * STEP), velocity + acceleration * STEP)
         };
-        let keeps = |(at, velocity): &(Vector, Vector)| {
+        let satisfies_bounds = |(at, velocity): &(Vector, Vector)| {
             let forward = (predicted + velocity).dot(&after.forward());
             let allowed = predicted.dot(&after.forward()).min(0.0);
             (reverses || forward >= allowed) && at.dot(&after.left()).abs() <= bounds.max_lateral_deviation
         };
-        // who would come to move backwards stands; if it can't, the motion ends here
-        let Some(next) = [longitudinal, bounds.longitudinal].into_iter().map(moved).find(keeps) else { break };
+        // a motion that would reverse accelerates instead; if that violates the bounds, it ends here
+        let Some(next) = [longitudinal, bounds.longitudinal].into_iter().map(moved).find(satisfies_bounds) else {
+            break;
+        };
         (at, velocity) = next;
         found.push(at);
     }
     found
 }
 
-/// How far the motion comes out of the regions at most, m, beyond what the steps of the sampling explain.
+/// Largest distance of the motion from the regions, m, beyond the error of the sampling.
 fn escape(predictions: &Predictions, obstacle: &Obstacle, now: f64, deviations: &[Vector], turning: f64) -> f64 {
     let track = &predictions.tracks[0];
     let parts = obstacle.shape.convex_parts();
@@ -139,50 +141,50 @@ fn escape(predictions: &Predictions, obstacle: &Obstacle, now: f64, deviations: 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
-    /// No false negative: 3000 motions, pushed to the border of the set or not, lie where they may.
+    /// No false negative: 3000 motions, many at the border of the set, stay inside the reachable sets.
     #[test]
-    fn no_motion_within_the_bounds_leaves_the_grown_regions(
+    fn no_motion_within_the_bounds_leaves_the_reachable_sets(
         predicted in predicted(), pushes in prop::collection::vec(push(), 5), now in prop_oneof![Just(0.0), Just(1.3), 0.0..3.0f64],
         longitudinal in 0.0..4.0f64, lateral in 0.0..2.0f64,
         max_lateral_deviation in prop_oneof![Just(f64::INFINITY), 0.1..2.0f64], vehicles_reverse in any::<bool>(),
     ) {
         let bounds = MotionBounds { longitudinal, lateral, max_lateral_deviation, vehicles_reverse };
         let obstacle = predicted.obstacle();
-        let grown = predictions(std::slice::from_ref(&obstacle)).grown(now, &bounds);
+        let reachable = predictions(std::slice::from_ref(&obstacle)).reachable(now, &bounds);
         for push in &pushes {
             let motion = deviations(&obstacle, now, &bounds, push);
-            let out = escape(&grown, &obstacle, now, &motion, predicted.turning);
+            let out = escape(&reachable, &obstacle, now, &motion, predicted.turning);
             prop_assert!(out <= 0.0, "{out} m out with {push:?}");
         }
     }
 
     #[test]
-    fn wider_bounds_cover_more_and_a_later_moment_less(
+    fn wider_bounds_enlarge_the_set_and_a_later_time_reduces_it(
         predicted in predicted(), longitudinal in 0.0..3.0f64, lateral in 0.0..1.0f64, more in 1.0..2.0f64, most in 0.2..2.0f64,
     ) {
         let all = predictions(&[Predicted { turning: 0.0, ..predicted.clone() }.obstacle()]);
         let bounds = MotionBounds { longitudinal, lateral, max_lateral_deviation: most, vehicles_reverse: false };
-        let grown = all.grown(1.0, &bounds);
+        let reachable = all.reachable(1.0, &bounds);
         for wider in [
-            all.grown(1.0, &MotionBounds { longitudinal: more * longitudinal, ..bounds }),
-            all.grown(1.0, &MotionBounds { lateral: more * lateral, ..bounds }),
-            all.grown(1.0, &MotionBounds { max_lateral_deviation: more * most, ..bounds }),
-            all.grown(1.0, &MotionBounds { vehicles_reverse: true, ..bounds }),
-            all.grown(0.0, &bounds),
-            all.grown(0.55, &bounds),
+            all.reachable(1.0, &MotionBounds { longitudinal: more * longitudinal, ..bounds }),
+            all.reachable(1.0, &MotionBounds { lateral: more * lateral, ..bounds }),
+            all.reachable(1.0, &MotionBounds { max_lateral_deviation: more * most, ..bounds }),
+            all.reachable(1.0, &MotionBounds { vehicles_reverse: true, ..bounds }),
+            all.reachable(0.0, &bounds),
+            all.reachable(0.55, &bounds),
         ] {
-            prop_assert!(lies_in(&grown, &wider), "{bounds:?}");
+            prop_assert!(lies_in(&reachable, &wider), "{bounds:?}");
         }
-        let none = all.grown(1.0, &MotionBounds { longitudinal: 0.0, lateral: 0.0, ..bounds });
-        prop_assert!(lies_in(&none, &grown));
+        let none = all.reachable(1.0, &MotionBounds { longitudinal: 0.0, lateral: 0.0, ..bounds });
+        prop_assert!(lies_in(&none, &reachable));
         // turning or not
         let bent = predictions(&[predicted.obstacle()]);
-        prop_assert!(lies_in(&after(&bent, 1.0), &bent.grown(1.0, &bounds)));
+        prop_assert!(lies_in(&after(&bent, 1.0), &bent.reachable(1.0, &bounds)));
     }
 
-    /// What a plan that is proven against the set promises: whatever the obstacle does, the plan comes to rest untouched.
+    /// The guarantee of a robust proof: the plan reaches standstill without contact for every motion in the set.
     #[test]
-    fn a_plan_proven_against_the_set_survives_every_motion_in_it(
+    fn a_robust_plan_is_safe_for_every_motion_in_the_set(
         crossing in -40.0..40.0f64, speed in 1.0..10.0f64, turning in prop_oneof![Just(0.0), -0.2..0.2f64],
         distance in 10.0..50.0f64, pushes in prop::collection::vec(push(), 8), own in 2.0..10.0f64,
     ) {
@@ -192,8 +194,8 @@ proptest! {
         let obstacle = predicted.obstacle();
         let bounds = MotionBounds { vehicles_reverse: false, ..FREE };
         let world = world(vec![obstacle.clone()]);
-        let set = world.predictions().grown(0.0, &bounds);
-        // not every problem has one, but most: too many without would fail the test
+        let set = world.predictions().reachable(0.0, &bounds);
+        // most problems have a plan; too many rejections would fail the test
         let plan = plan(&problem(&world, &set, own));
         prop_assume!(plan.is_some());
         for push in &pushes {
@@ -201,21 +203,21 @@ proptest! {
             let states = motion.iter().enumerate().step_by(10).map(|(i, deviation)| {
                 let time = STEP * i as f64;
                 let state = obstacle.state_at(time).unwrap();
-                // the sampling's steps may come out of the set by less than this
+                // the steps of the sampling may leave the set by less than this
                 let pose = Pose { position: state.pose.position + deviation * 0.999, ..state.pose };
                 TimedPose { time, pose, ..state }
             });
             let moved = Obstacle { motion: Motion::Trajectory(states.collect()), ..obstacle.clone() };
             let world = self::world(vec![moved]);
-            let met = problem(&world, world.predictions(), own);
-            prop_assert_eq!(plan.as_ref().map(|plan| prove(&met, plan)), Some(Ok(())), "{:?}", push);
+            let actual = problem(&world, world.predictions(), own);
+            prop_assert_eq!(plan.as_ref().map(|plan| prove(&actual, plan)), Some(Ok(())), "{:?}", push);
         }
     }
 }
 
-/// The other half of the property above: it sees regions that are too small.
+/// The converse of the property above: the test detects regions that are too small.
 #[test]
-fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
+fn motions_at_the_border_leave_slightly_smaller_regions() {
     let push =
         |direction: f64| Push { direction, turns_at: f64::INFINITY, noise: vec![(0.0, 0.0); 40], share_of_noise: 0.0 };
     for turning in [0.0, 0.3] {
@@ -225,11 +227,12 @@ fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
         let obstacle = predicted.obstacle();
         let all = predictions(std::slice::from_ref(&obstacle));
         let escapes = |small: &MotionBounds, directions: &[f64]| {
-            let grown = all.grown(0.0, small);
-            let out = |n: &f64| escape(&grown, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(*n)), turning);
+            let reachable = all.reachable(0.0, small);
+            let out =
+                |n: &f64| escape(&reachable, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(*n)), turning);
             directions.iter().map(out).fold(f64::NEG_INFINITY, f64::max)
         };
-        let last = 0.4 + turning * LASTING;
+        let last = 0.4 + turning * DURATION;
         let (longitudinal, lateral) = ([last, last + PI], [last + FRAC_PI_2, last - FRAC_PI_2]);
         assert!(escapes(&FREE, &longitudinal) <= 0.0 && escapes(&FREE, &lateral) <= 0.0);
         assert!(escapes(&MotionBounds { longitudinal: 0.8 * FREE.longitudinal, ..FREE }, &longitudinal) > 0.5);
@@ -237,42 +240,42 @@ fn motions_at_the_border_leave_regions_that_are_a_little_too_small() {
         let lane = MotionBounds { max_lateral_deviation: 0.5, ..FREE };
         assert!(escapes(&lane, &lateral) > 0.5);
     }
-    // 2 m/s for 6 s backwards come to 36 m, and it has 12 m to take back
+    // reversing with 2 m/s² for 6 s gives 36 m, minus the predicted 12 m
     let kind = ObstacleKind::Vehicle;
     let slow =
         Predicted { kind, from: Pose::new(0.0, 0.0, 0.0), speed: 2.0, acceleration: 0.0, turning: 0.0, interval: 0.1 };
     let obstacle = slow.obstacle();
-    let grown =
-        predictions(std::slice::from_ref(&obstacle)).grown(0.0, &MotionBounds { vehicles_reverse: false, ..FREE });
-    let out = escape(&grown, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(PI)), 0.0);
+    let reachable =
+        predictions(std::slice::from_ref(&obstacle)).reachable(0.0, &MotionBounds { vehicles_reverse: false, ..FREE });
+    let out = escape(&reachable, &obstacle, 0.0, &deviations(&obstacle, 0.0, &FREE, &push(PI)), 0.0);
     assert!((out - 24.0).abs() < 1.5, "{out}");
 }
 
 #[test]
-fn bounds_of_zero_change_nothing_and_neither_does_the_present_moment() {
+fn zero_bounds_and_zero_elapsed_time_give_the_prediction() {
     let kind = ObstacleKind::Vehicle;
     let from = Pose::new(30.0, 10.0, -1.2);
     let predicted = Predicted { kind, from, speed: 5.0, acceleration: 0.3, turning: 0.1, interval: 0.1 };
     let world = world(vec![predicted.obstacle()]);
     let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
-    let plain = world.blocked(&[&sweep], 0.0, LASTING);
+    let plain = world.blocked(&[&sweep], 0.0, DURATION);
     assert!(!plain.is_free());
     let none = MotionBounds { longitudinal: 0.0, lateral: 0.0, ..FREE };
-    assert_eq!(world.predictions().grown(0.0, &none).blocked(&[&sweep], 0.0, LASTING), plain);
-    let grown = world.predictions().grown(0.0, &FREE).blocked(&[&sweep], 0.0, LASTING);
-    assert!(grown.blocked_cells().count() > plain.blocked_cells().count());
-    // asked in between, the plain ones still say the same, from what is kept and from anew
-    assert_eq!(world.blocked(&[&sweep], 0.0, LASTING), plain);
-    // in the first slice nothing has moved by more than 0.5 · 2 · 0.1², 1 cm
-    let (all, grown) = (world.predictions(), world.predictions().grown(2.0, &FREE));
-    let now = &grown.tracks[0].slices[20 - grown.tracks[0].first].pieces[0];
+    assert_eq!(world.predictions().reachable(0.0, &none).blocked(&[&sweep], 0.0, DURATION), plain);
+    let reachable = world.predictions().reachable(0.0, &FREE).blocked(&[&sweep], 0.0, DURATION);
+    assert!(reachable.blocked_cells().count() > plain.blocked_cells().count());
+    // the result of the plain predictions is unchanged, cached or not
+    assert_eq!(world.blocked(&[&sweep], 0.0, DURATION), plain);
+    // in the first slice the deviation is at most 0.5 · 2 · 0.1² = 1 cm
+    let (all, reachable) = (world.predictions(), world.predictions().reachable(2.0, &FREE));
+    let now = &reachable.tracks[0].slices[20 - reachable.tracks[0].first].pieces[0];
     let bare = &all.tracks[0].slices[20].pieces[0];
     let farthest = now.points().iter().map(|p| bare.distance_to(&[*p, *p, *p])).fold(0.0, f64::max);
     assert!(farthest > 1e-3 && farthest < 0.0105, "{farthest}");
 }
 
 #[test]
-fn pedestrians_may_turn_back_and_sets_of_the_file_stay_as_they_are() {
+fn pedestrians_may_reverse_and_prediction_sets_are_unchanged() {
     let walks = |kind| Predicted {
         kind,
         from: Pose::new(0.0, 0.0, 0.0),
@@ -283,19 +286,19 @@ fn pedestrians_may_turn_back_and_sets_of_the_file_stay_as_they_are() {
     };
     let bounds = MotionBounds { vehicles_reverse: false, ..FREE };
     let behind = |kind| {
-        let grown = predictions(&[walks(kind).obstacle()]).grown(0.0, &bounds);
-        grown.tracks[0].slices.last().unwrap().aabb.unwrap().mins.x
+        let reachable = predictions(&[walks(kind).obstacle()]).reachable(0.0, &bounds);
+        reachable.tracks[0].slices.last().unwrap().aabb.unwrap().mins.x
     };
     assert!((behind(ObstacleKind::Vehicle) + 2.1).abs() < 1e-6, "{}", behind(ObstacleKind::Vehicle));
     assert!(behind(ObstacleKind::Pedestrian) < -30.0);
     let region = Shape::rectangle(3.0, 2.0);
-    let sets = Motion::Occupancy(vec![TimedOccupancy { from: 0.0, to: LASTING, region: region.clone() }]);
+    let sets = Motion::Occupancy(vec![TimedOccupancy { from: 0.0, to: DURATION, region: region.clone() }]);
     let all = predictions(&[Obstacle { id: 1, kind: ObstacleKind::Vehicle, shape: region, motion: sets }]);
-    assert!(lies_in(&all.grown(0.0, &bounds), &all));
+    assert!(lies_in(&all.reachable(0.0, &bounds), &all));
 }
 
 #[test]
-fn moved_turned_and_mirrored_predictions_grow_alike() {
+fn reachable_sets_are_invariant_under_rigid_motions_and_mirroring() {
     for (turning, mirror) in [(0.3, 1.0), (0.3, -1.0), (0.0, -1.0)] {
         let kind = ObstacleKind::Vehicle;
         let predicted = |from: Pose, side: f64| Predicted {
@@ -307,13 +310,13 @@ fn moved_turned_and_mirrored_predictions_grow_alike() {
             interval: 0.1,
         };
         let bounds = MotionBounds { vehicles_reverse: false, max_lateral_deviation: 1.5, ..FREE };
-        let first = predictions(&[predicted(Pose::new(0.0, 0.0, 0.2), 1.0).obstacle()]).grown(0.5, &bounds);
+        let first = predictions(&[predicted(Pose::new(0.0, 0.0, 0.2), 1.0).obstacle()]).reachable(0.5, &bounds);
         let (turn, shift) = (2.5, Point::new(1.0e6, 1.0e6));
         let frame = Pose { position: shift, yaw: turn };
         let from = Pose { position: shift, yaw: wrap_angle(turn + mirror * 0.2) };
         let obstacle = predicted(from, mirror).obstacle();
-        let moved = Predictions::new(&[obstacle], Origin::amid([&shift]), &CollisionSettings::default(), LASTING);
-        let moved = moved.grown(0.5, &bounds);
+        let moved = Predictions::new(&[obstacle], Origin::amid([&shift]), &CollisionSettings::default(), DURATION);
+        let moved = moved.reachable(0.5, &bounds);
         for (a, b) in first.tracks[0].slices.iter().zip(&moved.tracks[0].slices) {
             let (a, b) = (&a.pieces[0], &b.pieces[0]);
             for p in a.points() {
@@ -330,16 +333,16 @@ fn moved_turned_and_mirrored_predictions_grow_alike() {
 }
 
 #[test]
-fn what_is_left_out_is_gone_until_its_time_and_nothing_else_is() {
+fn removed_obstacles_are_absent_until_their_time() {
     let kind = ObstacleKind::Vehicle;
-    let longitudinal = |id: i64, y: f64| {
+    let vehicle = |id: i64, y: f64| {
         let from = Pose::new(0.0, y, 0.0);
         let predicted = Predicted { kind, from, speed: 10.0, acceleration: 0.0, turning: 0.0, interval: 0.1 };
         Obstacle { id, ..predicted.obstacle() }
     };
-    let world = world(vec![longitudinal(1, 0.0), longitudinal(2, 0.5)]);
+    let world = world(vec![vehicle(1, 0.0), vehicle(2, 0.5)]);
     let sweep = world.sweep(&Pose::new(20.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(30.0));
-    let blocked = |predictions: &Predictions| predictions.blocked(&[&sweep], 0.0, LASTING);
+    let blocked = |predictions: &Predictions| predictions.blocked(&[&sweep], 0.0, DURATION);
     let all = blocked(world.predictions());
     let ids = |grid: &BlockedGrid, before: f64| {
         let intervals = (0..grid.cells()).flat_map(|c| grid.intervals(c)).filter(|b| b.to <= before + 1e-9);
@@ -348,25 +351,25 @@ fn what_is_left_out_is_gone_until_its_time_and_nothing_else_is() {
         ids.dedup();
         ids
     };
-    assert_eq!(ids(&all, LASTING), [1, 2][..1].to_vec(), "the first one to block a cell keeps it");
-    assert_eq!(ids(&blocked(&world.predictions().without(&[(1, f64::INFINITY)])), LASTING), [2]);
+    assert_eq!(ids(&all, DURATION), [1, 2][..1].to_vec(), "the lowest id must block a cell");
+    assert_eq!(ids(&blocked(&world.predictions().without(&[(1, f64::INFINITY)])), DURATION), [2]);
     assert!(blocked(&world.predictions().without(&[(1, f64::INFINITY), (2, f64::INFINITY)])).is_free());
     let later = blocked(&world.predictions().without(&[(1, 3.0), (2, f64::INFINITY)]));
-    assert!(ids(&later, 3.0).is_empty() && ids(&later, LASTING) == [1]);
+    assert!(ids(&later, 3.0).is_empty() && ids(&later, DURATION) == [1]);
     let times = |grid: &BlockedGrid, from: f64| -> Vec<_> {
         grid.blocked_cells().filter(|(_, t)| t.1 > from + 1e-9).map(|(s, t)| (s, (t.0.max(from), t.1))).collect()
     };
     assert_eq!(times(&later, 3.0), times(&all, 3.0));
     assert_eq!(blocked(&world.predictions().without(&[])), all);
-    assert_eq!(blocked(world.predictions()), all, "what is kept with the sweep is still that of all");
+    assert_eq!(blocked(world.predictions()), all, "the cache of the sweep must still be valid");
 }
 
-/// The same without the slices before a time.
+/// The predictions without the slices before a time.
 fn after(predictions: &Predictions, time: f64) -> Predictions {
     predictions.without(&predictions.tracks.iter().map(|t| (t.id, time)).collect::<Vec<_>>())
 }
 
-/// Whether all regions of `a` lie in those of `b`, piece by piece.
+/// Whether all regions of `a` are inside those of `b`, piece by piece.
 fn lies_in(a: &Predictions, b: &Predictions) -> bool {
     let (a, b) = (&a.tracks[0], &b.tracks[0]);
     a.slices.iter().enumerate().all(|(i, slice)| {
@@ -390,13 +393,13 @@ fn world(obstacles: Vec<Obstacle>) -> CollisionWorld {
         issues: vec![],
     };
     let vehicle = crate::vehicle::load("bmw_320i").unwrap();
-    CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), LASTING).unwrap()
+    CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), DURATION).unwrap()
 }
 
-/// Straight on along x for 60 m.
+/// A straight path along x for 60 m.
 fn problem(world: &CollisionWorld, predictions: &Predictions, speed: f64) -> SpeedProblem {
     let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
-    let grid = predictions.blocked(&[&sweep], 0.0, LASTING);
+    let grid = predictions.blocked(&[&sweep], 0.0, DURATION);
     let intervals = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
     let limits = AccelerationLimits { acceleration: 1.5, deceleration: 1.5, aggressive_deceleration: 4.0 };
     SpeedProblem {
@@ -407,14 +410,14 @@ fn problem(world: &CollisionWorld, predictions: &Predictions, speed: f64) -> Spe
         stations: grid.stations().to_vec(),
         start_speed: speed,
         start_time: 0.0,
-        horizon: LASTING,
+        horizon: DURATION,
         limits,
     }
 }
 
 fn plan(problem: &SpeedProblem) -> Option<SpeedProfile> {
     let found = search(problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven()?;
-    let profile = smoothing::unsmoothed(problem, &found).unwrap();
+    let profile = smoothing::raw_profile(problem, &found).unwrap();
     assert_eq!(prove(problem, &profile), Ok(()));
     Some(profile)
 }

@@ -1,23 +1,23 @@
-//! The fixed conditions' rows, split into what they determine and what they leave free.
+//! The rows of the fixed conditions, with an orthonormal basis of their row space and their null space.
 
-/// Most fixed rows: four of the end, two rates.
-pub(super) const MOST_ROWS: usize = 6;
+/// Maximum number of fixed rows: four end conditions, two rates.
+pub(super) const MAX_ROWS: usize = 6;
 
 /// Linearised conditions: `rows · Δx = −residual`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rows<const K: usize> {
-    pub(super) rows: [[f64; K]; MOST_ROWS],
-    pub(super) residual: [f64; MOST_ROWS],
+    pub(super) rows: [[f64; K]; MAX_ROWS],
+    pub(super) residual: [f64; MAX_ROWS],
     pub(super) count: usize,
 }
 
 impl<const K: usize> Rows<K> {
     pub(super) fn none() -> Self {
-        Self { rows: [[0.0; K]; MOST_ROWS], residual: [0.0; MOST_ROWS], count: 0 }
+        Self { rows: [[0.0; K]; MAX_ROWS], residual: [0.0; MAX_ROWS], count: 0 }
     }
 
     pub(super) fn push(&mut self, row: [f64; K], residual: f64) {
-        if self.count < MOST_ROWS {
+        if self.count < MAX_ROWS {
             self.rows[self.count] = row;
             self.residual[self.count] = residual;
             self.count += 1;
@@ -30,21 +30,21 @@ impl<const K: usize> Rows<K> {
     }
 }
 
-/// Orthonormal directions: the first `fixed` span the rows, the others are free.
+/// Orthonormal directions: the first `fixed` span the rows, the others span their null space.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Basis<const K: usize> {
     directions: [[f64; K]; K],
     /// rows = triangle · directions, lower triangular.
-    triangle: [[f64; MOST_ROWS]; MOST_ROWS],
+    triangle: [[f64; MAX_ROWS]; MAX_ROWS],
     fixed: usize,
 }
 
 impl<const K: usize> Basis<K> {
-    /// Gram–Schmidt with a second pass ("twice is enough"). `None` if the rows depend on each other.
+    /// Gram–Schmidt with a second pass for accuracy. `None` if the rows are linearly dependent or not finite.
     pub(super) fn of(rows: &Rows<K>) -> Option<Self> {
-        /// A row with less than this share of its own is dependent.
+        /// A row is dependent if less than this fraction of its norm remains.
         const DEPENDENT: f64 = 1e-9;
-        let mut basis = Self { directions: [[0.0; K]; K], triangle: [[0.0; MOST_ROWS]; MOST_ROWS], fixed: rows.count };
+        let mut basis = Self { directions: [[0.0; K]; K], triangle: [[0.0; MAX_ROWS]; MAX_ROWS], fixed: rows.count };
         if rows.count > K {
             return None;
         }
@@ -58,7 +58,7 @@ impl<const K: usize> Basis<K> {
                 }
             }
             let norm = dot(&own, &own).sqrt();
-            // not finite fails, too
+            // NaN fails as well
             if !(norm > DEPENDENT * dot(row, row).sqrt() && norm.is_finite()) {
                 return None;
             }
@@ -69,13 +69,13 @@ impl<const K: usize> Basis<K> {
         Some(basis)
     }
 
-    /// Fills up with the unit vectors that are least spanned so far.
+    /// Completes the basis with the unit vectors that the directions span least.
     fn complete(&mut self) {
         for i in self.fixed..K {
-            let left = |axis: usize| 1.0 - self.directions[..i].iter().map(|d| d[axis] * d[axis]).sum::<f64>();
+            let remaining = |axis: usize| 1.0 - self.directions[..i].iter().map(|d| d[axis] * d[axis]).sum::<f64>();
             let mut axis = 0;
             for candidate in 1..K {
-                if left(candidate) > left(axis) {
+                if remaining(candidate) > remaining(axis) {
                     axis = candidate;
                 }
             }
@@ -92,14 +92,14 @@ impl<const K: usize> Basis<K> {
         }
     }
 
-    /// The directions that the conditions leave free.
+    /// The directions in the null space of the conditions.
     pub(super) fn free(&self) -> &[[f64; K]] {
         &self.directions[self.fixed..]
     }
 
-    /// The shortest step with rows · step = −residual.
-    pub(super) fn correction(&self, residual: &[f64; MOST_ROWS]) -> [f64; K] {
-        let mut shares = [0.0; MOST_ROWS];
+    /// The least-norm step with rows · step = −residual.
+    pub(super) fn correction(&self, residual: &[f64; MAX_ROWS]) -> [f64; K] {
+        let mut shares = [0.0; MAX_ROWS];
         let mut step = [0.0; K];
         for i in 0..self.fixed {
             let known: f64 = (0..i).map(|j| self.triangle[i][j] * shares[j]).sum();
@@ -110,8 +110,8 @@ impl<const K: usize> Basis<K> {
     }
 
     /// Multipliers λ with rowsᵀ λ = gradient, in the sense of least squares.
-    pub(super) fn multipliers(&self, gradient: &[f64; K]) -> [f64; MOST_ROWS] {
-        let mut multipliers = [0.0; MOST_ROWS];
+    pub(super) fn multipliers(&self, gradient: &[f64; K]) -> [f64; MAX_ROWS] {
+        let mut multipliers = [0.0; MAX_ROWS];
         for i in (0..self.fixed).rev() {
             let known: f64 = (i + 1..self.fixed).map(|j| self.triangle[j][i] * multipliers[j]).sum();
             multipliers[i] = (dot(gradient, &self.directions[i]) - known) / self.triangle[i][i];
@@ -138,7 +138,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn corrections_meet_the_rows_and_free_directions_do_not_move_them(
+        fn corrections_satisfy_the_rows_and_free_directions_leave_them_unchanged(
             entries in prop::array::uniform6(prop::array::uniform6(-2.0..2.0f64)), count in 1..6usize,
         ) {
             let mut rows = Rows::<6>::none();
@@ -155,7 +155,7 @@ mod tests {
                     prop_assert!(dot(&step, free).abs() < 1e-9);
                 }
             }
-            // a gradient made of the rows gives back what it was made of
+            // a known combination of the rows gives back its factors
             let mut gradient = [0.0; 6];
             for i in 0..count {
                 add(&mut gradient, 1.0 + i as f64, &rows.rows[i]);
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn dependent_rows_and_rows_that_are_not_finite_are_told() {
+    fn rejects_dependent_rows_and_rows_that_are_not_finite() {
         let mut rows = Rows::<4>::none();
         rows.push([1.0, 2.0, 0.0, 0.0], 0.0);
         rows.push([2.0, 4.0, 0.0, 0.0], 0.0);

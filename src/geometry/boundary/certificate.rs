@@ -1,26 +1,26 @@
-//! Proof that no spiral meets the conditions: a relaxation that is a linear program, and branch and bound over it.
+//! Proof of infeasibility: branch and bound over a linear relaxation of the boundary problem.
 //!
-//! With turning rates qᵢ = L kᵢ instead of curvatures, everything but the position is linear in x = (q₁ … q, L): the
-//! heading θ(u) = Σ qᵢ ∫Nᵢ, its end, the bound |Σ qᵢ Nᵢ(u)| ≤ κ_max L. The position is not:
+//! With turning rates qᵢ = L kᵢ instead of curvatures, all conditions except the position are linear in x = (q₁ … q, L):
+//! the heading θ(u) = Σ qᵢ ∫Nᵢ, the end heading, the bound |Σ qᵢ Nᵢ(u)| ≤ κ_max L. The position is not linear:
 //!
 //! ```text
-//! ∫ cos(θ(u) − δ) du = (where the end must be, seen in direction δ) / L
+//! ∫ cos(θ(u) − δ) du = (required end position, projected onto direction δ) / L
 //! ```
 //!
-//! But the bound confines the heading: between start, middle and end it turns by κ_max L at most. On such an interval the
-//! cosine lies below a line (its tangent where it is concave, its secant where it is convex, each moved up as far as needed),
-//! and 1/L lies above its tangent and below its secant. That makes the position a few more linear rows, one for each of
-//! several directions δ. If the rows contradict each other there is no spiral in the box of (L, headings at a quarter,
-//! half and three quarters of the way); otherwise the box is halved. (Relaxation by under- and overestimators in a spatial branch and bound: McCormick 1976;
-//! Horst & Tuy, Global Optimization.)
+//! But the bound confines the heading: between start, middle and end it turns by at most κ_max L. On such an interval the
+//! cosine lies below a line (its tangent where it is concave, its secant where it is convex, each moved up as far as
+//! necessary), and 1/L lies above its tangent and below its secant. So the position becomes a few more linear rows, one for
+//! each of several directions δ. If the rows contradict each other, there is no spiral in the box of (L, headings at 1/4,
+//! 1/2 and 3/4 of the length); otherwise the box is halved. (Relaxation by under- and overestimators in a spatial branch and
+//! bound: McCormick 1976; Horst & Tuy, Global Optimization.)
 //!
-//! A contradiction is a set of multipliers y ≥ 0 of rows aᵢ·x ≤ bᵢ with Σ y a = 0 and Σ y b < 0 (Farkas' lemma). It is found
-//! by a dual simplex method and then checked by adding up the rows, so that the proof does not depend on how well the
-//! method behaved. What is left to trust: floating-point sums (contradictions smaller than [`MARGIN`] do not count), and
-//! that the quadrature of the direction is good to [`QUADRATURE`], by which its rows are loosened.
+//! A contradiction is a set of multipliers y ≥ 0 of rows aᵢ·x ≤ bᵢ with Σ y a = 0 and Σ y b < 0 (Farkas' lemma). A dual
+//! simplex method computes it, and a separate sum of the rows checks it, so that the proof does not depend on the numerical
+//! behaviour of the method. The proof relies on floating-point sums (contradictions smaller than [`MARGIN`] do not count)
+//! and on the error of the quadrature, at most [`QUADRATURE`], by which its rows are loosened.
 //!
-//! Weak where the end is only just out of reach, and where the bound leaves the heading free to turn by more than a
-//! radian or two: boxes must be small there, and there are many.
+//! Weak where the end is only just out of reach, and where the bound permits the heading to turn by more than a radian or
+//! two: the boxes must be small there, and there are many.
 
 use super::EndCondition;
 use super::basis::dot;
@@ -28,29 +28,28 @@ use super::scaled::{LENGTHS, Scaled};
 use crate::geometry::quadrature::GAUSS_8;
 use crate::geometry::spiral::{Polynomial, Tables};
 
-/// By how much rows must contradict each other to be believed.
+/// Smallest contradiction that counts as a proof.
 const MARGIN: f64 = 1e-6;
-/// Turning (rad) up to which a quadrature of so many panels of eight points is good to [`QUADRATURE`]; of more, the position
-/// is left out.
+/// Turning (rad) up to which a quadrature of this many eight-point panels has an error below [`QUADRATURE`]. Beyond the last
+/// one the rows of the position are omitted.
 const PANELS: [(usize, f64); 2] = [(2, 3.0), (4, 14.0)];
-/// Error of the mean direction that the quadrature may have.
+/// Permitted error of the mean direction by quadrature.
 const QUADRATURE: f64 = 1e-6;
-/// Where headings are confined, and boxes split.
+/// Parameters u at which headings are bounded and boxes are split.
 const MARKS: [f64; 3] = [0.25, 0.5, 0.75];
-/// Intervals between the places at which the bounds are asked for at first; relaxed solutions add those where they are
-/// broken.
+/// Number of intervals between the initial bound rows. Relaxed solutions that violate a bound elsewhere add rows there.
 const PLACES: usize = 8;
-/// Relaxed solutions of a box, each with lines and places renewed about the one before.
+/// Relaxations per box, each linearised about the solution of the previous one.
 const ROUNDS: usize = 2;
-/// Most unknowns, with the slack: six for a quintic, and one.
-const MOST: usize = 7;
-/// Exchanges of the dual simplex method; ten are usual.
+/// Maximum number of unknowns: six for a quintic, and the slack.
+const MAX_UNKNOWNS: usize = 7;
+/// Maximum number of exchanges of the dual simplex method; ten are usual.
 const EXCHANGES: usize = 120;
 
-/// Whether there is certainly no spiral within bounds, lengths and fixed or ranged conditions. `false` says nothing.
+/// Whether there is provably no spiral within bounds, lengths and fixed or ranged conditions. `false` means undecided.
 ///
-/// At most `boxes` boxes are looked into.
-pub(super) fn impossible<const K: usize>(scaled: &Scaled<K>, boxes: usize) -> bool {
+/// Examines at most `boxes` boxes.
+pub(super) fn is_infeasible<const K: usize>(scaled: &Scaled<K>, boxes: usize) -> bool {
     Search::new(scaled).is_some_and(|search| search.run(boxes))
 }
 
@@ -61,27 +60,27 @@ struct Row<const K: usize> {
     b: f64,
 }
 
-/// A part of what is searched.
+/// A box of the search.
 #[derive(Debug, Clone, Copy)]
 struct Region<const K: usize> {
     /// Length, chords.
     length: (f64, f64),
     /// Headings at the marks, rad.
     headings: [(f64, f64); MARKS.len()],
-    /// The last relaxed solution, about which lines are drawn.
+    /// The last relaxed solution, about which the next relaxation is linearised.
     guess: Option<[f64; K]>,
 }
 
-/// What may be left of a region.
+/// What may remain of a region.
 #[derive(Debug, Clone, Copy)]
-enum Left<const K: usize> {
-    /// Certainly nothing.
-    Nothing,
-    /// Perhaps something, with the relaxed solution where there is one.
-    Perhaps(Option<[f64; K]>),
+enum Remainder<const K: usize> {
+    /// Provably no spiral.
+    Empty,
+    /// Undecided, with the relaxed solution if there is one.
+    Possible(Option<[f64; K]>),
 }
 
-/// A point of the quadrature: where, its weight, and the integrals of the basis up to there.
+/// A node of the quadrature: its parameter, its weight, and the integrals of the basis up to it.
 #[derive(Debug, Clone, Copy)]
 struct Node<const K: usize> {
     u: f64,
@@ -89,21 +88,21 @@ struct Node<const K: usize> {
     turned: [f64; K],
 }
 
-/// A direction with the least that the end's position must have along it, chords.
+/// A direction, and the smallest permitted projection of the end position onto it, chords.
 #[derive(Debug, Clone, Copy)]
 struct Reach {
     direction: Angle,
     least: f64,
 }
 
-/// What is the same for all boxes.
+/// The data that all boxes share.
 struct Search<'a, const K: usize> {
     scaled: &'a Scaled<K>,
-    /// Quadratures, from the coarse one on.
+    /// Quadratures, from coarse to fine.
     nodes: [Vec<Node<K>>; PANELS.len()],
-    /// ∫Nᵢ up to the marks.
+    /// ∫Nᵢ up to each mark.
     marks: [[f64; K]; MARKS.len()],
-    /// Fixed or ranged heading, rad.
+    /// Permitted end heading, rad.
     heading: (f64, f64),
     /// Shortest length, chords.
     shortest: f64,
@@ -123,8 +122,8 @@ impl<'a, const K: usize> Search<'a, K> {
             EndCondition::Range(low, high) => (low, high),
             EndCondition::Free | EndCondition::Soft { .. } => free,
         });
-        let [along, across, heading, curvature] = limits;
-        let held = |limits: (f64, f64)| limits.0.is_finite() && limits.1.is_finite();
+        let [longitudinal, lateral, heading, curvature] = limits;
+        let constrained = |limits: (f64, f64)| limits.0.is_finite() && limits.1.is_finite();
         let nodes = PANELS.map(|(panels, _)| {
             let places = (0..panels).flat_map(|panel| GAUSS_8.map(|(node, weight)| (panel as f64 + node, weight)));
             let share = 1.0 / panels as f64;
@@ -132,7 +131,7 @@ impl<'a, const K: usize> Search<'a, K> {
                 .map(|(place, weight)| Node { u: share * place, weight: share * weight, turned: turned(share * place) })
                 .collect()
         });
-        let pinned = along == (0.0, 0.0) && across == (0.0, 0.0);
+        let pinned = longitudinal == (0.0, 0.0) && lateral == (0.0, 0.0);
         let mut search = Self {
             scaled,
             nodes,
@@ -143,7 +142,7 @@ impl<'a, const K: usize> Search<'a, K> {
             common: Vec::new(),
         };
         let chord = scaled.target.position.coords;
-        let directions: Vec<f64> = match (held(along), held(across)) {
+        let directions: Vec<f64> = match (constrained(longitudinal), constrained(lateral)) {
             (true, true) => {
                 (0..8).map(|i| chord.y.atan2(chord.x) + f64::from(i) * std::f64::consts::FRAC_PI_4).collect()
             }
@@ -155,20 +154,20 @@ impl<'a, const K: usize> Search<'a, K> {
             let (sin, cos) = direction.sin_cos();
             let seen = |axis: crate::geometry::Vector, limits: (f64, f64)| {
                 let share = axis.x * cos + axis.y * sin;
-                // a quantity that is not held is only asked for in directions across it
-                if held(limits) { (share * limits.0).min(share * limits.1) } else { 0.0 }
+                // an unconstrained component has no share in the directions that are used
+                if constrained(limits) { (share * limits.0).min(share * limits.1) } else { 0.0 }
             };
             let least = chord.x * cos
                 + chord.y * sin
-                + seen(scaled.target.forward(), along)
-                + seen(scaled.target.left(), across);
+                + seen(scaled.target.forward(), longitudinal)
+                + seen(scaled.target.left(), lateral);
             search.reaches.push(Reach { direction: Angle::new(direction), least });
         }
         search.common = search.linear_rows(curvature);
         Some(search)
     }
 
-    /// Σ qᵢ cᵢ as a row: the start's turning rate is L k₀.
+    /// Σ qᵢ cᵢ as a row in the unknowns; the turning rate of the start is L k₀.
     fn in_unknowns(&self, c: &[f64; K]) -> [f64; K] {
         let mut a = [0.0; K];
         a[..K - 1].copy_from_slice(&c[1..]);
@@ -176,7 +175,7 @@ impl<'a, const K: usize> Search<'a, K> {
         a
     }
 
-    /// Curvature bound, heading and curvature at the end.
+    /// Rows of the curvature bound, the end heading and the end curvature.
     fn linear_rows(&self, curvature: (f64, f64)) -> Vec<Row<K>> {
         let mut rows = Vec::with_capacity(2 * PLACES + 16);
         let bound = self.scaled.bounds[0];
@@ -206,25 +205,25 @@ impl<'a, const K: usize> Search<'a, K> {
     /// Branch and bound, depth first.
     fn run(&self, boxes: usize) -> bool {
         let all = (f64::NEG_INFINITY, f64::INFINITY);
-        let mut waiting = Vec::with_capacity(32);
-        // long spirals are the least likely: what they may turn by makes for weak rows, so each piece is longer
+        let mut open = Vec::with_capacity(32);
+        // long spirals are unlikely and their rows are weak, so the initial boxes grow with the length
         let mut low = self.shortest;
         let mut growth = 1.1;
         while low < LENGTHS.1 {
             let high = (low * growth).min(LENGTHS.1);
-            waiting.push(Region { length: (low, high), headings: [all; MARKS.len()], guess: None });
+            open.push(Region { length: (low, high), headings: [all; MARKS.len()], guess: None });
             low = high;
             growth += 0.1;
         }
-        let mut left = boxes;
-        while let Some(region) = waiting.pop() {
-            if left == 0 {
+        let mut budget = boxes;
+        while let Some(region) = open.pop() {
+            if budget == 0 {
                 return false;
             }
-            left -= 1;
-            let Some(open) = self.narrowed(region) else { continue };
-            if let Left::Perhaps(guess) = self.left(&open) {
-                waiting.extend(Region { guess, ..open }.halves());
+            budget -= 1;
+            let Some(narrowed) = self.narrowed(region) else { continue };
+            if let Remainder::Possible(guess) = self.remainder(&narrowed) {
+                open.extend(Region { guess, ..narrowed }.halves());
             }
         }
         true
@@ -237,8 +236,7 @@ impl<'a, const K: usize> Search<'a, K> {
         (bound * longest).min(longest * (self.scaled.start_curvature.abs() + rate * longest))
     }
 
-    /// The region with the headings at its marks that can be reached from start, end and other marks; `None` if one
-    /// cannot.
+    /// Narrows the headings at the marks to those reachable from start, end and other marks; `None` if there are none.
     fn narrowed(&self, region: Region<K>) -> Option<Region<K>> {
         let turning = self.turning(&region);
         let mut narrowed = region;
@@ -251,7 +249,7 @@ impl<'a, const K: usize> Search<'a, K> {
         Some(narrowed)
     }
 
-    /// Headings at a place that are near enough to those of start, end and marks.
+    /// Headings at u that are reachable from start, end and marks.
     fn reachable(&self, region: &Region<K>, turning: f64, u: f64) -> (f64, f64) {
         let known = region.headings.iter().copied().zip(MARKS).chain([((0.0, 0.0), 0.0), (self.heading, 1.0)]);
         known.fold((f64::NEG_INFINITY, f64::INFINITY), |(low, high), (heading, at)| {
@@ -260,8 +258,8 @@ impl<'a, const K: usize> Search<'a, K> {
         })
     }
 
-    /// What is left of a region.
-    fn left(&self, region: &Region<K>) -> Left<K> {
+    /// Bounds a region by its relaxations.
+    fn remainder(&self, region: &Region<K>) -> Remainder<K> {
         let turning = self.turning(region);
         let fine_enough = PANELS.iter().zip(&self.nodes).find(|((_, most), _)| turning <= *most);
         let nodes: &[Node<K>] = fine_enough.map_or(&[], |(_, nodes)| nodes);
@@ -269,7 +267,7 @@ impl<'a, const K: usize> Search<'a, K> {
         for node in nodes {
             let (low, high) = self.reachable(region, turning, node.u);
             if low > high {
-                return Left::Nothing;
+                return Remainder::Empty;
             }
             tube.push([Angle::new(low), Angle::new(high)]);
         }
@@ -290,15 +288,15 @@ impl<'a, const K: usize> Search<'a, K> {
                 break;
             }
             match simplex.run(&rows, &low, &high) {
-                Found::Contradiction => return Left::Nothing,
-                Found::Stuck => break,
-                Found::Point(x) => guess = Some(x),
+                SimplexOutcome::Contradiction => return Remainder::Empty,
+                SimplexOutcome::Stuck => break,
+                SimplexOutcome::Point(x) => guess = Some(x),
             }
         }
-        Left::Perhaps(guess)
+        Remainder::Possible(guess)
     }
 
-    /// The curvature bound where a relaxed solution breaks it.
+    /// Adds rows of the curvature bound where a relaxed solution violates it.
     fn bound_rows(&self, rows: &mut Vec<Row<K>>, x: &[f64; K]) {
         let bound = self.scaled.bounds[0];
         let length = x[K - 1];
@@ -316,7 +314,7 @@ impl<'a, const K: usize> Search<'a, K> {
         }
     }
 
-    /// The rows of a region but for those of the position. First the limits of each unknown: the simplex method starts
+    /// The rows of a region except those of the position. The limits of each unknown come first: the simplex method starts
     /// from them.
     fn rows(&self, region: &Region<K>, low: &[f64; K], high: &[f64; K]) -> Vec<Row<K>> {
         let mut rows = Vec::with_capacity(2 * K + self.common.len() + 4 * PLACES + 2 * self.reaches.len() + 10);
@@ -335,7 +333,8 @@ impl<'a, const K: usize> Search<'a, K> {
         rows
     }
 
-    /// |κ'| ≤ rate: |Σ qᵢ Nᵢ'(u)| ≤ rate L², with L² below its secant. Fixed rates at the ends, between tangent and secant.
+    /// Adds rows of |κ'| ≤ rate: |Σ qᵢ Nᵢ'(u)| ≤ rate L², with L² below its secant; and of fixed rates at the ends, with L²
+    /// between tangent and secant.
     fn rate_rows(&self, rows: &mut Vec<Row<K>>, region: &Region<K>) {
         let (short, long) = region.length;
         // L² ≤ slope L + constant, and above the tangent in the middle
@@ -355,15 +354,15 @@ impl<'a, const K: usize> Search<'a, K> {
                 at_most(place as f64 / PLACES as f64, -1.0, rate);
             }
         }
-        for (end, wanted) in self.scaled.rates.iter().enumerate() {
-            if let Some(wanted) = wanted {
-                at_most(end as f64, 1.0, *wanted);
-                at_most(end as f64, -1.0, -wanted);
+        for (end, rate) in self.scaled.rates.iter().enumerate() {
+            if let Some(rate) = rate {
+                at_most(end as f64, 1.0, *rate);
+                at_most(end as f64, -1.0, -rate);
             }
         }
     }
 
-    /// Σ w · (line above cos(θ − δ)) ≥ (what is needed)/L, with the lines as tight as can be near a guess.
+    /// Adds rows Σ w · (line above cos(θ − δ)) ≥ least/L, with lines that are tightest near a guess.
     fn position_rows(
         &self,
         rows: &mut Vec<Row<K>>,
@@ -402,7 +401,7 @@ impl<'a, const K: usize> Search<'a, K> {
 }
 
 impl<const K: usize> Region<K> {
-    /// Halved where it is widest.
+    /// Halves the region in its widest dimension.
     fn halves(self) -> [Self; 2] {
         let (mut first, mut second) = (self, self);
         let width = |(low, high): (f64, f64)| high - low;
@@ -429,12 +428,12 @@ fn turned<const K: usize>(u: f64) -> [f64; K] {
     basis(|p| p.integral(u))
 }
 
-/// A functional of each basis polynomial.
+/// A functional applied to each basis polynomial.
 fn basis<const K: usize>(of: impl Fn(&Polynomial<K>) -> f64) -> [f64; K] {
     Tables::<K>::BASIS.map(|b| of(&Polynomial(b)))
 }
 
-/// Appends a·x ≤ b, scaled.
+/// Appends a·x ≤ b, scaled to a largest coefficient of one.
 fn push<const K: usize>(rows: &mut Vec<Row<K>>, a: [f64; K], b: f64) {
     let largest = a.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     if largest > 0.0 && largest.is_finite() {
@@ -442,7 +441,7 @@ fn push<const K: usize>(rows: &mut Vec<Row<K>>, a: [f64; K], b: f64) {
     }
 }
 
-/// Appends low ≤ a·x ≤ high, as far as they are finite.
+/// Appends low ≤ a·x ≤ high; limits that are not finite are omitted.
 fn between<const K: usize>(rows: &mut Vec<Row<K>>, a: [f64; K], (low, high): (f64, f64)) {
     if high.is_finite() {
         push(rows, a, high);
@@ -452,7 +451,7 @@ fn between<const K: usize>(rows: &mut Vec<Row<K>>, a: [f64; K], (low, high): (f6
     }
 }
 
-/// An angle with its direction.
+/// An angle with its sine and cosine.
 #[derive(Debug, Clone, Copy)]
 struct Angle {
     value: f64,
@@ -466,7 +465,7 @@ impl Angle {
         Self { value, cos, sin }
     }
 
-    /// Seen from another direction.
+    /// The angle relative to a direction.
     fn from(&self, direction: &Self) -> Self {
         Self {
             value: self.value - direction.value,
@@ -476,21 +475,21 @@ impl Angle {
     }
 }
 
-/// A line (slope, constant) that the cosine is below on [low, high], touching it: its tangent at `near` where the cosine is
-/// concave there, the secant where it is convex; either one moved up until it is above everywhere.
+/// A line (slope, constant) above the cosine on [low, high] that touches it: the tangent at `near` where the cosine is
+/// concave, the secant where it is convex, moved up until it is above everywhere.
 fn line_above_cosine(low: &Angle, high: &Angle, near: &Angle) -> (f64, f64) {
     use std::f64::consts::{PI, TAU};
-    /// A secant over less is rounding.
+    /// The slope of a secant over a narrower interval is dominated by rounding.
     const NARROW: f64 = 1e-6;
     let width = high.value - low.value;
     let concave = near.cos > 0.0;
     let slope = if concave || width < NARROW { -near.sin } else { (high.cos - low.cos) / width };
     let mut constant = (low.cos - slope * low.value).max(high.cos - slope * high.value);
-    // convex all along: nothing lies above the secant
+    // convex on the whole interval: the secant is above
     if !concave && width < PI && low.cos <= 0.0 && high.cos <= 0.0 {
         return (slope, constant);
     }
-    // cos x − slope x is largest where sin x = −slope and cos x > 0: at −asin(slope) + 2πn, if that lies between
+    // the maximum of cos x − slope x is at sin x = −slope with cos x > 0: at −asin(slope) + 2πn inside the interval
     let (peak, height) = if concave {
         (near.value, near.cos)
     } else {
@@ -508,31 +507,31 @@ fn line_above_cosine(low: &Angle, high: &Angle, near: &Angle) -> (f64, f64) {
 /// Dual simplex method for: minimise t with aᵢ·x − t ≤ bᵢ. Rows may be appended between runs.
 struct Simplex<const K: usize> {
     /// Rows that hold with equality, K + 1 of them.
-    basis: [usize; MOST],
+    basis: [usize; MAX_UNKNOWNS],
     /// Inverse of their matrix: row by unknown (x, then t), column by row of the basis.
-    inverse: [[f64; MOST]; MOST],
+    inverse: [[f64; MAX_UNKNOWNS]; MAX_UNKNOWNS],
 }
 
-/// How a run of the simplex method ended.
-enum Found<const K: usize> {
-    /// The rows contradict each other: checked.
+/// Outcome of a run of the simplex method.
+enum SimplexOutcome<const K: usize> {
+    /// The rows contradict each other; verified.
     Contradiction,
-    /// A point that breaks rows by [`MARGIN`] at most.
+    /// A point that violates rows by at most [`MARGIN`].
     Point([f64; K]),
-    /// Neither.
+    /// Undecided.
     Stuck,
 }
 
 impl<const K: usize> Simplex<K> {
-    /// From rows that begin with xᵢ ≤ …, all i, then −xᵢ ≤ …: the basis of all the upper limits and the first lower one.
+    /// Initial basis: all upper limits and the first lower limit. The rows must begin with xᵢ ≤ … for all i, then −xᵢ ≤ ….
     fn new(rows: &[Row<K>]) -> Self {
         debug_assert!(rows.len() >= 2 * K);
-        let mut basis = [0; MOST];
+        let mut basis = [0; MAX_UNKNOWNS];
         for (i, row) in basis.iter_mut().enumerate().take(K + 1) {
             *row = i;
         }
         // rows: xᵢ − t = r₀…, −x₀ − t = r_K  ⇒  t = −(r₀ + r_K)/2, xᵢ = rᵢ + t
-        let mut inverse = [[0.0; MOST]; MOST];
+        let mut inverse = [[0.0; MAX_UNKNOWNS]; MAX_UNKNOWNS];
         for (i, row) in inverse.iter_mut().enumerate().take(K + 1) {
             if i < K {
                 row[i] = 1.0;
@@ -544,14 +543,18 @@ impl<const K: usize> Simplex<K> {
     }
 
     /// Runs to the optimum or to a contradiction.
-    fn run(&mut self, rows: &[Row<K>], low: &[f64; K], high: &[f64; K]) -> Found<K> {
+    fn run(&mut self, rows: &[Row<K>], low: &[f64; K], high: &[f64; K]) -> SimplexOutcome<K> {
         for _ in 0..EXCHANGES {
-            let mut z = [0.0; MOST];
+            let mut z = [0.0; MAX_UNKNOWNS];
             for (z, inverse) in z.iter_mut().zip(&self.inverse).take(K + 1) {
                 *z = (0..=K).map(|i| inverse[i] * rows[self.basis[i]].b).sum();
             }
             if z[K] > MARGIN {
-                return if self.adds_up(rows, low, high) { Found::Contradiction } else { Found::Stuck };
+                return if self.adds_up(rows, low, high) {
+                    SimplexOutcome::Contradiction
+                } else {
+                    SimplexOutcome::Stuck
+                };
             }
             let mut x = [0.0; K];
             x.copy_from_slice(&z[..K]);
@@ -562,25 +565,25 @@ impl<const K: usize> Simplex<K> {
                     (worst, entering) = (off, Some(i));
                 }
             }
-            let Some(entering) = entering else { return Found::Point(x) };
+            let Some(entering) = entering else { return SimplexOutcome::Point(x) };
             if !self.exchange(&rows[entering], entering) {
-                return Found::Stuck;
+                return SimplexOutcome::Stuck;
             }
         }
-        Found::Stuck
+        SimplexOutcome::Stuck
     }
 
-    /// Brings a row into the basis; the one that leaves keeps all multipliers from becoming negative.
+    /// Brings a row into the basis and removes the one that keeps all multipliers non-negative; `false` if there is none.
     fn exchange(&mut self, row: &Row<K>, entering: usize) -> bool {
-        /// Shares smaller than this are rounding.
-        const NOTHING: f64 = 1e-10;
-        let mut shares = [0.0; MOST];
+        /// Smaller values are rounding.
+        const NEGLIGIBLE: f64 = 1e-10;
+        let mut shares = [0.0; MAX_UNKNOWNS];
         for (i, share) in shares.iter_mut().enumerate().take(K + 1) {
             *share =
                 row.a.iter().zip(&self.inverse).map(|(a, inverse)| a * inverse[i]).sum::<f64>() - self.inverse[K][i];
         }
         let mut leaving: Option<(f64, usize)> = None;
-        for (i, share) in shares.iter().enumerate().take(K + 1).filter(|(_, share)| **share > NOTHING) {
+        for (i, share) in shares.iter().enumerate().take(K + 1).filter(|(_, share)| **share > NEGLIGIBLE) {
             let ratio = -self.inverse[K][i] / share;
             let better =
                 leaving.is_none_or(|(least, at)| ratio < least - 1e-12 || ratio < least + 1e-12 && *share > shares[at]);
@@ -603,7 +606,7 @@ impl<const K: usize> Simplex<K> {
         true
     }
 
-    /// Whether the basis' rows, times their multipliers, add up to 0 ≤ something negative, for all x within limits.
+    /// Whether the rows of the basis, times their multipliers, add up to a contradiction for all x within the limits.
     fn adds_up(&self, rows: &[Row<K>], low: &[f64; K], high: &[f64; K]) -> bool {
         let (mut a, mut b, mut all) = ([0.0; K], 0.0, 0.0);
         for (i, row) in self.basis.iter().enumerate().take(K + 1) {
@@ -625,23 +628,23 @@ mod tests {
     use crate::convex::{QuadraticProgram, Status, Term};
     use crate::geometry::Pose;
     use crate::geometry::boundary::Problem;
-    use crate::geometry::boundary::reference::Dice;
+    use crate::geometry::boundary::reference::Rng;
     use crate::geometry::spiral::Spiral;
     use proptest::prelude::*;
 
     const ORIGIN: Pose = Pose { position: crate::geometry::Point::new(0.0, 0.0), yaw: 0.0 };
 
-    /// A problem that a spiral solves by construction, its bounds touched.
+    /// A problem that the spiral solves by construction, with bounds equal to its extrema.
     fn solved_by<const K: usize>(spiral: &Spiral<K>, loosened: [f64; 4], rates: bool) -> Problem {
         let end = spiral.end(&ORIGIN);
-        let [along, across, heading, curvature] = loosened.map(|by| match by {
+        let [longitudinal, lateral, heading, curvature] = loosened.map(|by| match by {
             by if by < 0.0 => EndCondition::Fixed,
             by if by > 1.0 => EndCondition::Free,
             by => EndCondition::Range(-by, 0.3 * by),
         });
         Problem {
-            along,
-            across,
+            longitudinal,
+            lateral,
             heading,
             curvature,
             max_curvature: spiral.max_abs_curvature(),
@@ -650,14 +653,18 @@ mod tests {
         }
     }
 
-    fn never_denied<const K: usize>(knots: [f64; K], loosened: [f64; 4], rates: bool) -> Result<(), TestCaseError> {
+    fn check_not_infeasible<const K: usize>(
+        knots: [f64; K],
+        loosened: [f64; 4],
+        rates: bool,
+    ) -> Result<(), TestCaseError> {
         let spiral = Spiral { knots: knots.map(|k| 0.15 * k), length: 18.0 };
         let end = spiral.end(&ORIGIN);
         let chord = end.position.coords.norm();
-        // within the lengths, and the heading is known up to whole turns
+        // within the permitted lengths, and without whole turns of heading
         prop_assume!(chord > 6.5 && end.yaw.abs() < 3.0 && end.position.x > 0.0);
         let problem = solved_by(&spiral, loosened, rates);
-        prop_assert!(!impossible(&Scaled::<K>::new(&problem), 40), "{spiral:?} {problem:?}");
+        prop_assert!(!is_infeasible(&Scaled::<K>::new(&problem), 40), "{spiral:?} {problem:?}");
         Ok(())
     }
 
@@ -665,12 +672,12 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(1500))]
 
         #[test]
-        fn what_a_spiral_does_is_never_called_impossible(
+        fn never_certifies_a_feasible_problem(
             knots in prop::array::uniform6(-1.0..1.0f64), loosened in prop::array::uniform4(-2.0..1.5f64), rates: bool,
         ) {
-            never_denied(knots, loosened, rates)?;
+            check_not_infeasible(knots, loosened, rates)?;
             let [a, b, c, d, ..] = knots;
-            never_denied([a, b, c, d], loosened, rates)?;
+            check_not_infeasible([a, b, c, d], loosened, rates)?;
         }
 
         #[test]
@@ -687,9 +694,9 @@ mod tests {
             prop_assert!(least > -1e-12 && least < 1e-4, "{least:e}");
         }
 
-        /// Against Clarabel: where a point satisfies all rows nothing is contradicted, elsewhere something is.
+        /// Agrees with Clarabel: a contradiction if and only if no point satisfies all rows.
         #[test]
-        fn contradictions_are_those_that_clarabel_finds(
+        fn contradictions_agree_with_clarabel(
             entries in prop::collection::vec((prop::array::uniform4(-1.0..1.0f64), -0.6..1.0f64), 3..14)
         ) {
             let (low, high) = ([-2.0; 4], [2.0; 4]);
@@ -717,32 +724,32 @@ mod tests {
             let t = solution.x[4];
             prop_assume!(t.abs() > 1e-5);
             match Simplex::new(&rows).run(&rows, &low, &high) {
-                Found::Contradiction => prop_assert!(t > 0.0, "{t}"),
-                Found::Point(x) => {
+                SimplexOutcome::Contradiction => prop_assert!(t > 0.0, "{t}"),
+                SimplexOutcome::Point(x) => {
                     let worst = rows.iter().map(|r| r.a.iter().zip(&x).map(|(a, x)| a * x).sum::<f64>() - r.b);
                     prop_assert!(t < 0.0 && worst.fold(f64::NEG_INFINITY, f64::max) < MARGIN, "{t}");
                 }
-                Found::Stuck => prop_assert!(false, "stuck"),
+                SimplexOutcome::Stuck => prop_assert!(false, "stuck"),
             }
         }
     }
 
     #[test]
-    fn rows_that_do_not_contradict_each_other_do_not_add_up() {
+    fn only_contradicting_rows_add_up() {
         let rows: Vec<Row<1>> = vec![Row { a: [1.0], b: 1.0 }, Row { a: [-1.0], b: 1.0 }];
         let simplex = Simplex::<1>::new(&rows);
         assert!(!simplex.adds_up(&rows, &[-1.0], &[1.0]));
         let rows: Vec<Row<1>> = vec![Row { a: [1.0], b: -1.0 }, Row { a: [-1.0], b: -1.0 }];
         assert!(Simplex::<1>::new(&rows).adds_up(&rows, &[-1.0], &[1.0]));
-        // rows that do not cancel prove nothing where x may be large
+        // rows that do not cancel are no contradiction if x may be large
         let rows: Vec<Row<1>> = vec![Row { a: [1.0], b: -1.0 }, Row { a: [-0.5], b: -0.1 }];
         assert!(!Simplex::<1>::new(&rows).adds_up(&rows, &[-10.0], &[10.0]));
     }
 
-    /// Headings that turn as fast as allowed, back and forth as often as a quintic can.
+    /// Headings that turn at the permitted rate with as many reversals as a quintic has.
     #[test]
-    fn the_quadrature_is_good_to_the_error_allowed_for() {
-        let mut dice = Dice(5);
+    fn quadrature_error_is_below_its_bound() {
+        let mut rng = Rng(5);
         let nodes = |panels: usize| {
             (0..panels).flat_map(move |panel| {
                 GAUSS_8.map(|(node, weight)| ((panel as f64 + node) / panels as f64, weight / panels as f64))
@@ -751,10 +758,10 @@ mod tests {
         for (panels, most) in PANELS {
             let mut worst = 0.0_f64;
             for case in 0..2000 {
-                // Chebyshev's polynomial of degree five is the one that swings most
-                let wild = |u: f64| (5.0 * (2.0 * u - 1.0).clamp(-1.0, 1.0).acos()).cos();
+                // the Chebyshev polynomial of degree five oscillates most
+                let chebyshev = |u: f64| (5.0 * (2.0 * u - 1.0).clamp(-1.0, 1.0).acos()).cos();
                 let knots: [f64; 6] =
-                    std::array::from_fn(|i| if case == 0 { wild(i as f64 / 5.0) } else { dice.roll() });
+                    std::array::from_fn(|i| if case == 0 { chebyshev(i as f64 / 5.0) } else { rng.sample() });
                 let spiral = Spiral { knots, length: 1.0 };
                 let share = most / spiral.max_abs_curvature();
                 let heading = spiral.curvature_polynomial();

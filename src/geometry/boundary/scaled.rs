@@ -1,26 +1,26 @@
-//! A boundary problem in units of its chord, mirrored so that it bends left: what the solver works on.
+//! The internal form of a boundary problem: in units of its chord, mirrored so that it turns left.
 //!
-//! Unknowns x: the knots from the second on, then the length; in units of the chord all of them are of the order of one.
-//! Mirroring makes mirrored problems the same problem, to the bit.
+//! Unknowns x: the knots from the second on, then the length. In units of the chord all of them are of the order of one.
+//! Mirroring makes mirrored problems identical to the bit.
 
 use super::basis::{Basis, Rows, add, dot};
 use super::{EndCondition, Problem};
 use crate::geometry::spiral::{Jet, Polynomial, Spiral, Tables};
 use crate::geometry::{Point, Pose, Vector, wrap_angle};
 
-/// Programs aim this much below a bound (relative): Clarabel's feasibility and the last Newton step stay within it.
+/// Programs aim this much below a bound (relative). It covers Clarabel's feasibility tolerance and the last Newton step.
 const BOUND_MARGIN: f64 = 1e-6;
-/// By how much a bound may be broken at an end that is pinned to it (relative).
+/// Permitted violation of a bound if an end condition lies at it (relative).
 const AT_THE_BOUND: f64 = 1e-9;
-/// End conditions hold to this when a restoration stops, m; a tenth of what is promised.
+/// Residual of the end conditions at which a restoration stops, m: a tenth of the guaranteed one.
 const END_TOLERANCE: f64 = 1e-10;
-/// What rounding leaves of it, in chords.
+/// Lower limit of that residual due to rounding, chords.
 const END_ROUNDING: f64 = 1e-14;
-/// Newton steps of a restoration; two or three are usual.
+/// Maximum number of Newton steps of a restoration; two or three are usual.
 const RESTORING_STEPS: usize = 12;
-/// Shortest and longest spiral, in chords. Three: a half circle has 1.57, and more has loops.
+/// Shortest and longest spiral, chords. A half circle has 1.57; longer than three has loops.
 pub(super) const LENGTHS: (f64, f64) = (0.25, 3.0);
-/// Lengths that a restoration may pass through, in chords.
+/// Lengths that the iterates of a restoration may have, chords.
 const PASSING_LENGTHS: (f64, f64) = (0.2, 3.3);
 
 /// The four one-sided bounds: curvature to the left and right, its rate up and down.
@@ -38,36 +38,36 @@ pub(super) struct Side {
     pub(super) sign: f64,
 }
 
-/// The problem in solver's units.
+/// The problem in the units of the solver.
 #[derive(Debug, Clone)]
 pub(super) struct Scaled<const K: usize> {
     /// The chord, m.
     unit: f64,
-    /// 1 or −1: the side that the problem was mirrored to.
+    /// −1 if the problem was mirrored, else 1.
     mirror: f64,
     pub(super) start_curvature: f64,
     pub(super) target: Pose,
     pub(super) end_curvature: f64,
-    /// Along, across, heading, curvature.
+    /// Longitudinal, lateral, heading, curvature.
     pub(super) conditions: [EndCondition; 4],
-    /// At the start and at the end.
+    /// Fixed curvature rates at the start and at the end.
     pub(super) rates: [Option<f64>; 2],
     /// Bounds of curvature and of its rate.
     pub(super) bounds: [f64; 2],
-    /// What programs aim at instead.
+    /// Slightly tighter bounds that the programs use.
     pub(super) aims: [f64; 2],
-    /// Residual at which the end conditions hold.
+    /// Residual at which the end conditions count as satisfied.
     tolerance: f64,
-    /// Curvatures of start and end as they were asked for, 1/m.
-    asked: [f64; 2],
+    /// Curvatures of start and end in the units of the problem, 1/m.
+    unscaled_curvatures: [f64; 2],
     pub(super) always_convex: bool,
 }
 
-/// A spiral with its end.
+/// A spiral with the deviations of its end.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place<const K: usize> {
     pub(super) jet: Jet<K>,
-    /// Deviations of the end: along, across, heading, curvature.
+    /// Deviations of the end: longitudinal, lateral, heading, curvature.
     pub(super) deviation: [f64; 4],
     /// Their derivatives by the unknowns.
     pub(super) by: [[f64; K]; 4],
@@ -77,7 +77,7 @@ impl<const K: usize> Scaled<K> {
     pub(super) fn new(problem: &Problem) -> Self {
         let unit = problem.target.position.coords.norm();
         let yaw = wrap_angle(problem.target.yaw);
-        let leaning = [
+        let signs = [
             problem.target.position.y,
             yaw,
             problem.start_curvature,
@@ -85,8 +85,8 @@ impl<const K: usize> Scaled<K> {
             problem.start_rate.unwrap_or(0.0),
             problem.end_rate.unwrap_or(0.0),
         ];
-        let mirror = if leaning.into_iter().find(|v| *v != 0.0).is_some_and(|v| v < 0.0) { -1.0 } else { 1.0 };
-        // a deviation in m, m, rad, 1/m; a weight's price is in 1/m
+        let mirror = if signs.into_iter().find(|v| *v != 0.0).is_some_and(|v| v < 0.0) { -1.0 } else { 1.0 };
+        // deviations in m, m, rad, 1/m; penalties in 1/m
         let scales = [1.0 / unit, 1.0 / unit, 1.0, unit];
         let mirrors = [1.0, mirror, mirror, mirror];
         let mut conditions = problem.conditions();
@@ -123,12 +123,12 @@ impl<const K: usize> Scaled<K> {
             bounds,
             aims: [aim(bounds[0], pinned_kappa * unit), aim(bounds[1], pinned_rate * unit * unit)],
             tolerance: (END_TOLERANCE / unit).max(END_ROUNDING),
-            asked: ends_kappa,
+            unscaled_curvatures: ends_kappa,
             always_convex: problem.always_convex,
         }
     }
 
-    /// The same problem for another number of knots.
+    /// The same problem with another number of knots.
     pub(super) fn with_knots<const OTHER: usize>(&self) -> Scaled<OTHER> {
         Scaled {
             unit: self.unit,
@@ -141,22 +141,22 @@ impl<const K: usize> Scaled<K> {
             bounds: self.bounds,
             aims: self.aims,
             tolerance: self.tolerance,
-            asked: self.asked,
+            unscaled_curvatures: self.unscaled_curvatures,
             always_convex: self.always_convex,
         }
     }
 
-    /// The spiral in the problem's own units.
+    /// The spiral in the units of the problem.
     pub(super) fn unscaled(&self, spiral: &Spiral<K>) -> Spiral<K> {
         let mut knots = spiral.knots.map(|k| k * self.mirror / self.unit);
-        knots[0] = self.asked[0]; // to the bit
+        knots[0] = self.unscaled_curvatures[0]; // without rounding
         if self.conditions[3] == EndCondition::Fixed {
-            knots[K - 1] = self.asked[1];
+            knots[K - 1] = self.unscaled_curvatures[1];
         }
         Spiral { knots, length: spiral.length * self.unit }
     }
 
-    /// How much the merit lets a bound be broken, relative to the aim.
+    /// Excess over the aim (relative) up to which a bound counts as satisfied.
     pub(super) fn slack(&self, side: Side) -> f64 {
         let which = usize::from(side.of_rate);
         (self.bounds[which] / self.aims[which] - 1.0).max(AT_THE_BOUND)
@@ -191,8 +191,8 @@ impl<const K: usize> Scaled<K> {
         Place { jet, deviation, by }
     }
 
-    /// The fixed conditions about a place, and the ranges `held` at a limit.
-    pub(super) fn rows(&self, place: &Place<K>, held: &[Option<f64>; 4]) -> Rows<K> {
+    /// The linearised fixed conditions, and the ranges that are `pinned` at a limit.
+    pub(super) fn rows(&self, place: &Place<K>, pinned: &[Option<f64>; 4]) -> Rows<K> {
         let mut rows = Rows::none();
         for (q, condition) in self.conditions.iter().enumerate() {
             if *condition == EndCondition::Fixed {
@@ -205,7 +205,7 @@ impl<const K: usize> Scaled<K> {
                 rows.push(row, residual);
             }
         }
-        for (q, limit) in held.iter().enumerate() {
+        for (q, limit) in pinned.iter().enumerate() {
             if let Some(limit) = limit {
                 rows.push(place.by[q], place.deviation[q] - limit);
             }
@@ -213,29 +213,29 @@ impl<const K: usize> Scaled<K> {
         rows
     }
 
-    /// Onto the end conditions by the shortest steps; ranges that are overstepped are held at their limit. `None` if the
-    /// steps do not settle within the lengths allowed.
+    /// Restores the end conditions by least-norm Newton steps; violated ranges are pinned at their limit. `None` if the
+    /// iteration does not converge within the permitted lengths.
     pub(super) fn restored(&self, spiral: &Spiral<K>) -> Option<Place<K>> {
         let (place, on_conditions) = self.restore(spiral);
         on_conditions.then_some(place)
     }
 
-    /// The same: the last place, and whether it is on the conditions.
+    /// [`Self::restored`], with the last place in any case and whether it satisfies the conditions.
     pub(super) fn restore(&self, spiral: &Spiral<K>) -> (Place<K>, bool) {
         /// Halvings of a step that does not reduce the residual.
         const HALVINGS: usize = 5;
-        let mut held = [None; 4];
+        let mut pinned = [None; 4];
         let mut place = self.place(spiral);
         for _ in 0..RESTORING_STEPS {
             for (q, condition) in self.conditions.iter().enumerate() {
                 if let EndCondition::Range(low, high) = *condition {
                     let d = place.deviation[q];
                     if d < low - self.tolerance || d > high + self.tolerance {
-                        held[q] = Some(d.clamp(low, high));
+                        pinned[q] = Some(d.clamp(low, high));
                     }
                 }
             }
-            let rows = self.rows(&place, &held);
+            let rows = self.rows(&place, &pinned);
             if rows.worst() <= self.tolerance {
                 let length = place.jet.spiral.length;
                 let fits = (PASSING_LENGTHS.0..=PASSING_LENGTHS.1).contains(&length);
@@ -244,11 +244,11 @@ impl<const K: usize> Scaled<K> {
             let Some(basis) = Basis::of(&rows) else { return (place, false) };
             let step = basis.correction(&rows.residual);
             let size = sum_of_squares(&rows);
-            // a step that halves or doubles the length is not to be believed
+            // limit steps that would more than halve or double the length
             let mut ratio = (0.5 * place.jet.spiral.length / step[K - 1].abs()).min(1.0);
             let mut next = self.place(&moved(&place.jet.spiral, &step, ratio));
             let mut halvings = 0;
-            while sum_of_squares(&self.rows(&next, &held)) >= size {
+            while sum_of_squares(&self.rows(&next, &pinned)) >= size {
                 halvings += 1;
                 if halvings > HALVINGS {
                     return (place, false);
@@ -264,7 +264,7 @@ impl<const K: usize> Scaled<K> {
         (place, false)
     }
 
-    /// Bending energy and the prices of soft conditions.
+    /// Bending energy plus the penalties of soft conditions.
     pub(super) fn objective(&self, place: &Place<K>) -> f64 {
         let mut sum = place.jet.spiral.bending_energy();
         for (condition, d) in self.conditions.iter().zip(place.deviation) {
@@ -275,7 +275,7 @@ impl<const K: usize> Scaled<K> {
         sum
     }
 
-    /// The objective's derivatives by the unknowns.
+    /// Gradient of the objective by the unknowns.
     pub(super) fn gradient(&self, place: &Place<K>) -> [f64; K] {
         let (by_knot, by_length) = place.jet.spiral.bending_energy_gradient();
         let mut gradient = [0.0; K];
@@ -289,7 +289,7 @@ impl<const K: usize> Scaled<K> {
         gradient
     }
 
-    /// The Hessian of objective − Σ λ d over the end's deviations d, where the soft ones bring their own λ.
+    /// Hessian of objective − Σ λ d over the deviations d of the end; soft conditions have λ from their penalty.
     pub(super) fn hessian(&self, place: &Place<K>, multipliers: &[f64; 4]) -> [[f64; K]; K] {
         let spiral = &place.jet.spiral;
         let mut lambda = *multipliers;
@@ -318,7 +318,7 @@ impl<const K: usize> Scaled<K> {
             hessian[i - 1][K - 1] -= by_both[i] + lambda[2] * Tables::<K>::WEIGHTS[i];
         }
         hessian[K - 1][K - 1] -= by_length;
-        // the upper triangle is complete
+        // copy the upper triangle into the lower one
         for i in 1..K {
             let (above, below) = hessian.split_at_mut(i);
             for (entry, row) in below[0].iter_mut().zip(above) {
@@ -328,30 +328,30 @@ impl<const K: usize> Scaled<K> {
         hessian
     }
 
-    /// How far a spiral is beyond each aim, relative to it: negative inside.
-    pub(super) fn beyond(&self, spiral: &Spiral<K>) -> [f64; 4] {
-        let mut beyond = [-1.0; 4];
+    /// Relative excess of a spiral over each aim; negative inside the bound.
+    pub(super) fn excess(&self, spiral: &Spiral<K>) -> [f64; 4] {
+        let mut excess = [-1.0; 4];
         let [kappa, rate] = self.aims;
         if kappa < f64::INFINITY {
             let (low, high) = spiral.curvature_range();
-            beyond[0] = relative(high, kappa);
-            beyond[1] = relative(-low, kappa);
+            excess[0] = relative(high, kappa);
+            excess[1] = relative(-low, kappa);
         }
         if rate < f64::INFINITY {
             let (low, high) = spiral.curvature_rate_range();
-            beyond[2] = relative(high, rate);
-            beyond[3] = relative(-low, rate);
+            excess[2] = relative(high, rate);
+            excess[3] = relative(-low, rate);
         }
-        beyond
+        excess
     }
 
-    /// Whether bounds are kept, as promised.
-    pub(super) fn holds(&self, beyond: &[f64; 4]) -> bool {
-        SIDES.iter().zip(beyond).all(|(side, beyond)| *beyond <= self.slack(*side))
+    /// Whether the bounds hold to the guaranteed tolerance.
+    pub(super) fn holds(&self, excess: &[f64; 4]) -> bool {
+        SIDES.iter().zip(excess).all(|(side, excess)| *excess <= self.slack(*side))
     }
 }
 
-/// Value over an aim, minus one; an aim of zero has no scale.
+/// Value over aim, minus one; any positive value exceeds an aim of zero infinitely.
 fn relative(value: f64, aim: f64) -> f64 {
     if aim > 0.0 {
         value / aim - 1.0
@@ -362,7 +362,7 @@ fn relative(value: f64, aim: f64) -> f64 {
     }
 }
 
-/// The spiral `ratio` of a step on.
+/// The spiral after `ratio` of a step.
 pub(super) fn moved<const K: usize>(spiral: &Spiral<K>, step: &[f64; K], ratio: f64) -> Spiral<K> {
     let mut spiral = *spiral;
     for (knot, step) in spiral.knots[1..].iter_mut().zip(step) {

@@ -1,4 +1,7 @@
-//! One convex program of the sequence: a quadratic model over the free directions, with the bounds as cones or cuts.
+//! One convex program of the sequence: a quadratic model in the free directions, with the bounds as cones or cuts.
+//!
+//! Variables are the coordinates of the step in the free directions ("shares" in the code) and, with bounds that may be
+//! violated at a penalty, one elastic variable t that loosens all of them.
 
 use super::EndCondition;
 use super::basis::{Basis, add, dot};
@@ -6,7 +9,7 @@ use super::scaled::{LENGTHS, Place, SIDES, Scaled, Side};
 use crate::convex::{Affine, QuadraticProgram, Status, Term, Tuning};
 use crate::geometry::spiral::{Polynomial, Spiral, Tables};
 
-/// The quadratic model about a place: variables are shares of the free directions.
+/// The quadratic model about a place, in the coordinates of the free directions.
 #[derive(Debug, Clone)]
 pub(super) struct Model<'a, const K: usize> {
     pub(super) scaled: &'a Scaled<K>,
@@ -18,44 +21,43 @@ pub(super) struct Model<'a, const K: usize> {
     pub(super) hessian: [[f64; K]; K],
 }
 
-/// What a program found.
+/// Solution of a program.
 #[derive(Debug, Clone)]
 pub(super) struct Step<const K: usize> {
-    /// Shares of the free directions.
+    /// Coordinates in the free directions.
     pub(super) shares: [f64; K],
-    /// By how much the linearised bounds are still broken, relative to the aims, all sides together.
-    pub(super) broken: f64,
-    /// Multipliers of bounds and lengths, times their derivatives by the unknowns.
+    /// Remaining violation of the linearised bounds, relative to the aims: the maximum over all sides.
+    pub(super) violation: f64,
+    /// Gradient of the constraint part of the Lagrangian: multipliers of bounds and lengths times their derivatives.
     pub(super) pull: [f64; K],
     /// Multipliers of the ranges, positive at the upper limit.
     pub(super) ranges: [f64; 4],
-    /// Multiplier of all bounds together: what the objective gains per relative loosening.
+    /// Multiplier of all bounds together: decrease of the objective per relative loosening.
     pub(super) price: f64,
-    /// Second derivatives by the unknowns that the cuts do not see: multiplier times those of the extremum's value, whose
-    /// place moves.
-    pub(super) bend: [[f64; K]; K],
+    /// Second-order part of the cuts: multiplier times the Hessian of the extremum's value, whose argument moves.
+    pub(super) cut_hessian: [[f64; K]; K],
 }
 
 impl<const K: usize> Step<K> {
     pub(super) fn free(shares: [f64; K]) -> Self {
-        Self { shares, broken: 0.0, pull: [0.0; K], ranges: [0.0; 4], price: 0.0, bend: [[0.0; K]; K] }
+        Self { shares, violation: 0.0, pull: [0.0; K], ranges: [0.0; 4], price: 0.0, cut_hessian: [[0.0; K]; K] }
     }
 }
 
-/// How the bounds enter.
+/// Treatment of the bounds in a program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
-    /// Which of the four sides.
+    /// The sides that enter, in the order of [`SIDES`].
     pub(super) sides: [bool; 4],
-    /// As exact cones, which only cubics have; as cuts otherwise.
+    /// Exact cones (cubics only) instead of cuts.
     pub(super) cones: bool,
-    /// Price of breaking them; infinite if they may not be broken.
+    /// Penalty of a violation; infinite for hard bounds.
     pub(super) penalty: f64,
-    /// Trust region of each share.
+    /// Trust region of each coordinate.
     pub(super) radius: f64,
 }
 
-/// An affine function of the step: constant + by · Δx + Σ extra, and how much it grows when its bound is loosened.
+/// An affine function of the step: constant + by · Δx + Σ extra. `loosened` is its derivative by the elastic variable.
 #[derive(Debug, Clone, Copy)]
 struct Row<const K: usize> {
     constant: f64,
@@ -82,7 +84,7 @@ impl<const K: usize> Row<K> {
     }
 }
 
-/// A program under construction with what is needed to read its multipliers.
+/// A program under construction, with the rows in the order of their multipliers.
 struct Assembly<const K: usize> {
     program: QuadraticProgram,
     variables: usize,
@@ -94,12 +96,12 @@ struct Assembly<const K: usize> {
     cones: Vec<Row<K>>,
 }
 
-/// Whose multiplier it is.
+/// The constraint that a multiplier belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Origin {
-    /// A cut of a side's bound at a place.
+    /// A cut of the bound of a side at a parameter u.
     Cut(Side, f64),
-    /// The sign of a cone's variable.
+    /// The sign condition of an auxiliary variable.
     Sign,
     Length,
     Range(usize, f64),
@@ -110,18 +112,18 @@ impl<const K: usize> Model<'_, K> {
     pub(super) fn change(&self, shares: &[f64; K]) -> f64 {
         let mut sum = 0.0;
         for i in 0..self.variables {
-            let bent: f64 = (0..self.variables).map(|j| self.hessian[i][j] * shares[j]).sum();
-            sum += shares[i] * (self.gradient[i] + 0.5 * bent);
+            let curved: f64 = (0..self.variables).map(|j| self.hessian[i][j] * shares[j]).sum();
+            sum += shares[i] * (self.gradient[i] + 0.5 * curved);
         }
         sum
     }
 
-    /// How much the objective changes over a step of one: the scale of a price for broken bounds.
+    /// Change of the objective over a unit step: the scale of the penalty.
     pub(super) fn stiffness(&self) -> f64 {
         (0..self.variables).fold(1.0, |m: f64, i| m.max(self.gradient[i].abs() + self.hessian[i][i]))
     }
 
-    /// The step in the unknowns.
+    /// The step in the unknowns, from its coordinates.
     pub(super) fn step(&self, shares: &[f64; K]) -> [f64; K] {
         let mut step = [0.0; K];
         for (direction, share) in self.basis.free().iter().zip(shares) {
@@ -130,43 +132,43 @@ impl<const K: usize> Model<'_, K> {
         step
     }
 
-    /// By how much the objective could fall if nothing were bounded: half the squared Newton decrement (Boyd &
-    /// Vandenberghe, 9.5.1). Inequalities can only leave less.
+    /// Decrease of the unconstrained model: half the squared Newton decrement (Boyd & Vandenberghe, 9.5.1). It bounds the
+    /// decrease under inequalities.
     pub(super) fn gain(&self) -> Option<f64> {
-        self.least().map(|shares| -self.change(&shares))
+        self.minimiser().map(|shares| -self.change(&shares))
     }
 
-    /// Where the model is least if nothing is bounded.
-    fn least(&self) -> Option<[f64; K]> {
+    /// The minimiser of the unconstrained model.
+    fn minimiser(&self) -> Option<[f64; K]> {
         let factor = cholesky(&self.hessian, self.variables)?;
         Some(solved(&factor, &self.gradient, self.variables))
     }
 
-    /// The least of the model, if it lies in the trust region and keeps ranges and lengths: then it is what the program
-    /// without bounds would find.
+    /// The unconstrained minimiser, if it lies in the trust region and satisfies ranges and lengths: then it solves the
+    /// program without bounds.
     pub(super) fn unconstrained(&self, radius: f64) -> Option<Step<K>> {
-        let shares = self.least()?;
+        let shares = self.minimiser()?;
         if shares.iter().any(|s| s.abs() > radius) {
             return None;
         }
         let step = self.step(&shares);
         let within = |value: f64, (low, high): (f64, f64)| value >= low && value <= high;
-        let keeps = self.scaled.conditions.iter().enumerate().all(|(q, condition)| match *condition {
+        let satisfied = self.scaled.conditions.iter().enumerate().all(|(q, condition)| match *condition {
             EndCondition::Range(low, high) => {
                 within(self.place.deviation[q] + dot(&self.place.by[q], &step), (low, high))
             }
             _ => true,
         });
-        (keeps && within(self.place.jet.spiral.length + step[K - 1], LENGTHS)).then(|| Step::free(shares))
+        (satisfied && within(self.place.jet.spiral.length + step[K - 1], LENGTHS)).then(|| Step::free(shares))
     }
 
-    /// The program, by Clarabel. `None` if it has no solution or the solver failed.
+    /// Solves the program with Clarabel. `None` if it is infeasible or the solver failed.
     ///
-    /// The trust region is left out where no bound is near and the model's least lies inside: the program is half as large
-    /// without its rows.
+    /// The rows of the trust region are omitted if no bound is near and the unconstrained minimiser lies inside: they are
+    /// half of the program.
     pub(super) fn solve(&self, bounds: &Bounds) -> Option<Step<K>> {
         let inside = |shares: &[f64; K]| shares.iter().all(|share| share.abs() <= bounds.radius);
-        if !bounds.sides.contains(&true) && self.least().is_some_and(|least| inside(&least)) {
+        if !bounds.sides.contains(&true) && self.minimiser().is_some_and(|shares| inside(&shares)) {
             let step = self.solve_within(bounds, f64::INFINITY)?;
             if inside(&step.shares) {
                 return Some(step);
@@ -175,24 +177,24 @@ impl<const K: usize> Model<'_, K> {
         self.solve_within(bounds, bounds.radius)
     }
 
-    /// The program with shares of this size at most.
-    fn solve_within(&self, bounds: &Bounds, most: f64) -> Option<Step<K>> {
+    /// Solves the program with coordinates of at most this size.
+    fn solve_within(&self, bounds: &Bounds, radius: f64) -> Option<Step<K>> {
         let mut assembly = self.assembly(bounds);
-        for (side, wanted) in SIDES.iter().zip(bounds.sides) {
-            if wanted {
+        for (side, active) in SIDES.iter().zip(bounds.sides) {
+            if active {
                 self.bound(&mut assembly, *side, bounds.cones);
             }
         }
-        // last, so that the rows with multipliers to read come first
+        // last, so that the rows whose multipliers are used come first
         for i in 0..self.variables {
-            assembly.program.between(-most, &[(i, 1.0)], most);
+            assembly.program.between(-radius, &[(i, 1.0)], radius);
         }
         if let Some(t) = assembly.elastic {
             assembly.program.between(0.0, &[(t, 1.0)], f64::INFINITY);
         }
         let mut solution = assembly.program.solve_tuned(Tuning::Small);
         if !solution.is_usable() && solution.status != Status::Infeasible {
-            // heavy weights beside light ones: the solver's own scaling may help
+            // weights of very different size: the solver's equilibration may help
             solution = assembly.program.solve();
         }
         if !solution.is_usable() {
@@ -203,10 +205,10 @@ impl<const K: usize> Model<'_, K> {
         for (i, share) in step.shares[..self.variables].iter_mut().enumerate() {
             *share = solution.x[i];
         }
-        step.broken = assembly.elastic.map_or(0.0, |t| solution.x[t].max(0.0));
-        let trusted = if most.is_finite() { 2 * self.variables } else { 0 };
-        let unread = trusted + usize::from(assembly.elastic.is_some());
-        let conic = solution.multipliers.iter().skip(assembly.inequalities.len() + unread);
+        step.violation = assembly.elastic.map_or(0.0, |t| solution.x[t].max(0.0));
+        let trust_region = if radius.is_finite() { 2 * self.variables } else { 0 };
+        let unused = trust_region + usize::from(assembly.elastic.is_some());
+        let conic = solution.multipliers.iter().skip(assembly.inequalities.len() + unused);
         for ((row, origin), multiplier) in assembly.inequalities.iter().zip(&solution.multipliers) {
             match origin {
                 Origin::Range(q, sign) => step.ranges[*q] += sign * multiplier,
@@ -214,7 +216,7 @@ impl<const K: usize> Model<'_, K> {
                 Origin::Length => add(&mut step.pull, -multiplier, &row.by),
                 Origin::Cut(side, u) => {
                     add(&mut step.pull, -multiplier, &row.by);
-                    self.bend(*side, *u, *multiplier, &mut step.bend);
+                    self.add_cut_hessian(*side, *u, *multiplier, &mut step.cut_hessian);
                 }
             }
             step.price += multiplier * row.loosened;
@@ -268,7 +270,7 @@ impl<const K: usize> Model<'_, K> {
         let length = self.place.jet.spiral.length;
         let reach = bounds.radius * (self.variables as f64).sqrt();
         let lengths = [(length - LENGTHS.0, 1.0), (LENGTHS.1 - length, -1.0)];
-        for (constant, sign) in lengths.into_iter().filter(|(room, _)| *room < reach) {
+        for (constant, sign) in lengths.into_iter().filter(|(margin, _)| *margin < reach) {
             let by = by_length.map(|b| sign * b);
             assembly.not_negative(Row { constant, by, extra: [(0, 0.0); 2], loosened: 0.0 }, Origin::Length);
         }
@@ -279,22 +281,22 @@ impl<const K: usize> Model<'_, K> {
 impl<const K: usize> Model<'_, K> {
     /// Adds a one-sided bound.
     fn bound(&self, assembly: &mut Assembly<K>, side: Side, cones: bool) {
-        let room = self.room(side);
+        let margin = self.margin(side);
         match (cones && K == 4, side.of_rate) {
-            (true, false) => cubic_not_negative(assembly, &room),
-            (true, true) => quadratic_not_negative(assembly, &room),
-            (false, _) => self.cuts(assembly, side, &room),
+            (true, false) => cubic_not_negative(assembly, &margin),
+            (true, true) => quadratic_not_negative(assembly, &margin),
+            (false, _) => self.cuts(assembly, side, &margin),
         }
     }
 
-    /// Coefficients by rising powers of u of what is left to the bound, relative to its aim: 1 − ±κ(u)/aim, or
+    /// Coefficients by ascending powers of u of the margin to the bound, relative to its aim: 1 − ±κ(u)/aim, or
     /// L − ±k′(u)/aim for the rate.
-    fn room(&self, side: Side) -> [Row<K>; K] {
+    fn margin(&self, side: Side) -> [Row<K>; K] {
         let spiral = &self.place.jet.spiral;
         let factor = -side.sign / self.scaled.aim(side);
         let curvature = Polynomial::through(&spiral.knots);
         std::array::from_fn(|power| {
-            // of the derivative, each coefficient comes from the next higher power
+            // a coefficient of the derivative derives from the next higher power
             let (from, share) = if side.of_rate { (power + 1, (power + 1) as f64 * factor) } else { (power, factor) };
             let mut row = Row { constant: 0.0, by: [0.0; K], extra: [(0, 0.0); 2], loosened: 0.0 };
             if from < K {
@@ -313,9 +315,9 @@ impl<const K: usize> Model<'_, K> {
         })
     }
 
-    /// Cuts at the extrema that come near the aim, and at the ends.
-    fn cuts(&self, assembly: &mut Assembly<K>, side: Side, room: &[Row<K>; K]) {
-        /// Extrema with more room than this (relative) are left to the next iteration.
+    /// Adds cuts at the extrema that are near the aim, and at the ends.
+    fn cuts(&self, assembly: &mut Assembly<K>, side: Side, margin: &[Row<K>; K]) {
+        /// Extrema with a larger relative margin do not enter this iteration.
         const NEAR: f64 = 0.5;
         let spiral: &Spiral<K> = &self.place.jet.spiral;
         let curvature = Polynomial::through(&spiral.knots);
@@ -327,18 +329,18 @@ impl<const K: usize> Model<'_, K> {
                 power *= u;
                 now
             });
-            let parts: [(f64, &Row<K>); K] = std::array::from_fn(|p| (powers[p], &room[p]));
+            let parts: [(f64, &Row<K>); K] = std::array::from_fn(|p| (powers[p], &margin[p]));
             let row = Row::sum(&parts);
-            // the curvature at the start is given
+            // the curvature at the start is fixed
             if row.constant < NEAR && (side.of_rate || u > 0.0) {
                 assembly.not_negative(row, Origin::Cut(side, u));
             }
         }
     }
 
-    /// Second derivatives of max over u of a bounded quantity φ(u; x): where the extremum lies inside, its place moves
-    /// with x, which adds (∂φᵤ/∂x)(∂φᵤ/∂x)ᵀ / −φᵤᵤ. φ itself is linear in x.
-    fn bend(&self, side: Side, u: f64, multiplier: f64, bend: &mut [[f64; K]; K]) {
+    /// Adds the Hessian of the maximum over u of a bounded quantity φ(u; x), times its multiplier. φ is linear in x, but the
+    /// argument of an inner extremum moves with x, which gives (∂φᵤ/∂x)(∂φᵤ/∂x)ᵀ / −φᵤᵤ.
+    fn add_cut_hessian(&self, side: Side, u: f64, multiplier: f64, hessian: &mut [[f64; K]; K]) {
         if !(u > 0.0 && u < 1.0 && multiplier > 0.0) {
             return;
         }
@@ -351,7 +353,7 @@ impl<const K: usize> Model<'_, K> {
             *moved = factor * Polynomial(*basis).derivative_of_order(orders.0, u);
         }
         if steepness > 0.0 {
-            for (row, by) in bend.iter_mut().zip(moved) {
+            for (row, by) in hessian.iter_mut().zip(moved) {
                 add(row, multiplier * by / steepness, &moved);
             }
         }
@@ -359,7 +361,7 @@ impl<const K: usize> Model<'_, K> {
 }
 
 /// p(u) ≥ 0 on [0, 1] for a cubic p: p = u (a₁ + 2b₁u + c₁u²) + (1−u)(a₂ + 2b₂u + c₂u²) with both factors in their
-/// cones, of which four coefficients follow from those of p and b₂, c₂ are variables.
+/// cones. Four coefficients follow from those of p; b₂ and c₂ are variables.
 fn cubic_not_negative<const K: usize>(assembly: &mut Assembly<K>, p: &[Row<K>]) {
     let (b2, c2) = (assembly.program.add_variable(), assembly.program.add_variable());
     let [p0, p1, p2, p3] = p else { return };
@@ -413,21 +415,21 @@ impl<const K: usize> Assembly<K> {
     }
 }
 
-/// The lower factor of the leading part of a matrix, or `None` if that is not positive definite.
+/// The Cholesky factor of the leading block of a matrix; `None` if the block is not positive definite.
 pub(super) fn cholesky<const K: usize>(matrix: &[[f64; K]; K], count: usize) -> Option<[[f64; K]; K]> {
     let mut factor = [[0.0; K]; K];
     for i in 0..count {
         for j in 0..=i {
             let known: f64 = (0..j).map(|k| factor[i][k] * factor[j][k]).sum();
-            let left = matrix[i][j] - known;
+            let remainder = matrix[i][j] - known;
             if i == j {
-                // a pivot that cancels is not positive; not finite fails, too
-                if !(left > 1e-10 * matrix[i][i].abs() && left.is_finite()) {
+                // a pivot that cancels to rounding is not positive; NaN fails as well
+                if !(remainder > 1e-10 * matrix[i][i].abs() && remainder.is_finite()) {
                     return None;
                 }
-                factor[i][i] = left.sqrt();
+                factor[i][i] = remainder.sqrt();
             } else {
-                factor[i][j] = left / factor[j][j];
+                factor[i][j] = remainder / factor[j][j];
             }
         }
     }

@@ -1,7 +1,7 @@
-//! How the end of a spiral depends on its knots and length.
+//! Derivatives of the end of a spiral by its knots and its length.
 //!
-//! Everything follows from the moments ∫₀¹ uʳ (cos θ, sin θ) du: the heading θ = L Σ kᵢ ∫Nᵢ is linear in the knots with
-//! polynomial factors, so the end is the moment r = 0, its first derivatives are combinations of the moments up to K, and
+//! All of them follow from the moments ∫₀¹ uʳ (cos θ, sin θ) du. The heading θ = L Σ kᵢ ∫Nᵢ is linear in the knots with
+//! polynomial factors. So the end is L times moment 0, its first derivatives are combinations of the moments up to K, and
 //! its second derivatives of those up to 2K. One sweep of sines and cosines serves all three.
 
 use super::{Polynomial, Spiral, Tables, panels};
@@ -11,11 +11,11 @@ use crate::geometry::quadrature::GAUSS_8;
 /// The end of a spiral in its start frame, with its derivatives by the knots and by the length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EndGradient<const KNOTS: usize> {
-    /// Where it ends, m.
+    /// End position, m.
     pub end: Vector,
     /// Derivative of the end by each knot, m².
     pub by_knot: [Vector; KNOTS],
-    /// Derivative of the end by the length as the knots stay: a stretched spiral, not a longer one.
+    /// Derivative of the end by the length with the knots fixed: the spiral is stretched, not continued.
     pub by_length: Vector,
     /// Heading at the end, rad.
     pub heading: f64,
@@ -26,7 +26,7 @@ pub struct EndGradient<const KNOTS: usize> {
 }
 
 impl<const K: usize> Spiral<K> {
-    /// The end with its derivatives; to the accuracy of [`Spiral::point_at`].
+    /// The end with its derivatives, to the accuracy of [`Spiral::point_at`].
     #[must_use]
     pub fn end_gradient(&self) -> EndGradient<K> {
         let jet = Jet::of(self);
@@ -49,10 +49,10 @@ impl<const K: usize> Spiral<K> {
     }
 }
 
-/// Moments up to twice the number of knots of the quintic.
+/// Number of moments: orders 0 to 2K for the quintic.
 const MOMENTS: usize = 13;
 
-/// A spiral with the moments of its direction.
+/// A spiral with the moments of its direction (cos θ, sin θ).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Jet<const K: usize> {
     pub(crate) spiral: Spiral<K>,
@@ -93,12 +93,12 @@ impl<const K: usize> Jet<K> {
         Vector::new(-self.sin[r], self.cos[r])
     }
 
-    /// The end, m.
+    /// End position, m.
     pub(crate) fn end(&self) -> Vector {
         self.tangent(0) * self.spiral.length
     }
 
-    /// Its derivative by a knot.
+    /// Derivative of the end by a knot, m².
     pub(crate) fn by_knot(&self, i: usize) -> Vector {
         let mut sum = Vector::zeros();
         for (p, a) in Tables::<K>::INTEGRAL[i].iter().enumerate() {
@@ -107,7 +107,7 @@ impl<const K: usize> Jet<K> {
         sum * (self.spiral.length * self.spiral.length)
     }
 
-    /// Its derivative by the length.
+    /// Derivative of the end by the length.
     pub(crate) fn by_length(&self) -> Vector {
         let mut sum = Vector::zeros();
         for p in 0..K {
@@ -121,38 +121,38 @@ impl<const K: usize> Jet<K> {
         self.spiral.length * self.curvature.integral(1.0)
     }
 
-    /// Of ∫ κ, by the power p + 1.
+    /// Coefficient of u^(p+1) in the integral of the curvature polynomial.
     fn integral_coefficient(&self, p: usize) -> f64 {
         self.curvature.0[p] / (p + 1) as f64
     }
 
-    /// Second derivatives of λ·end: by pairs of knots, by knot and length, by the length twice.
+    /// Second derivatives of λ·end: by two knots, by a knot and the length, by the length twice.
     pub(crate) fn second(&self, multiplier: Vector) -> ([[f64; K]; K], [f64; K], f64) {
         let length = self.spiral.length;
-        let mut along = [0.0; MOMENTS];
-        let mut across = [0.0; MOMENTS];
+        let mut tangential = [0.0; MOMENTS];
+        let mut normal = [0.0; MOMENTS];
         for r in 0..=2 * K {
-            along[r] = multiplier.dot(&self.tangent(r));
-            across[r] = multiplier.dot(&self.normal(r));
+            tangential[r] = multiplier.dot(&self.tangent(r));
+            normal[r] = multiplier.dot(&self.normal(r));
         }
         let heading: [f64; K] = std::array::from_fn(|p| self.integral_coefficient(p));
         let integral = &Tables::<K>::INTEGRAL;
-        // ∫ Iᵢ u^(q+1) of the direction, for the integral Iᵢ of each basis polynomial
+        // moments of Iᵢ u^(q+1), with Iᵢ the integral of basis polynomial i
         let mut crossed = [[0.0; K]; K];
         for (row, basis) in crossed.iter_mut().zip(integral) {
             for (q, value) in row.iter_mut().enumerate() {
-                *value = basis.iter().enumerate().map(|(p, a)| a * along[p + q + 2]).sum();
+                *value = basis.iter().enumerate().map(|(p, a)| a * tangential[p + q + 2]).sum();
             }
         }
         let dot = |a: &[f64; K], b: &[f64; K]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let shifted: [f64; K] = std::array::from_fn(|p| across[p + 1]);
+        let shifted: [f64; K] = std::array::from_fn(|p| normal[p + 1]);
         let by_knots = std::array::from_fn(|i| {
             std::array::from_fn(|j| -length * length * length * dot(&crossed[i], &integral[j]))
         });
         let by_both = std::array::from_fn(|i| {
             2.0 * length * dot(&integral[i], &shifted) - length * length * dot(&crossed[i], &heading)
         });
-        let turned: [f64; K] = std::array::from_fn(|q| (0..K).map(|p| heading[p] * along[p + q + 2]).sum::<f64>());
+        let turned: [f64; K] = std::array::from_fn(|q| (0..K).map(|p| heading[p] * tangential[p + q + 2]).sum::<f64>());
         let by_length = 2.0 * dot(&heading, &shifted) - length * dot(&turned, &heading);
         (by_knots, by_both, by_length)
     }
@@ -192,13 +192,13 @@ mod tests {
             } else {
                 (gradient.by_knot[variable], gradient.heading_by_knot[variable], energy_by_knot[variable])
             };
-            // in steps that move the end by the order of its length
+            // scales the tolerance to steps that move the end by the order of its length
             let unit = if variable == K { 1.0 } else { scale * scale };
             assert!((difference - end).norm() < 1e-7 * unit, "{variable}: {difference} {end}");
             let turned = (plus.heading_change(plus.length) - minus.heading_change(minus.length)) / (2.0 * h);
             assert!((turned - heading).abs() < 1e-7 * unit / scale, "{turned} {heading}");
-            let spent = (plus.bending_energy() - minus.bending_energy()) / (2.0 * h);
-            assert!((spent - energy).abs() < 1e-6 * unit / (scale * scale), "{spent} {energy}");
+            let slope = (plus.bending_energy() - minus.bending_energy()) / (2.0 * h);
+            assert!((slope - energy).abs() < 1e-6 * unit / (scale * scale), "{slope} {energy}");
             let (after, before) = (plus.end_gradient(), minus.end_gradient());
             for other in 0..=K {
                 let (difference, second) = if other == K {

@@ -1,15 +1,32 @@
-//! Polynomial spirals, cubic and quintic: curvature is a polynomial of arc length.
+//! Polynomial spirals, cubic and quintic: curves whose curvature is a polynomial of arc length.
 //!
-//! A spiral is given by its curvature at equal steps of normalised arc length u = s/L (four knots make a cubic, six a
-//! quintic) and by its length L: well conditioned, and the bending energy is a quadratic form in the knots (Kelly & Nagy
-//! 2003; McNaughton 2011). Heading is the exact integral of the curvature polynomial; position is its Fresnel-like
-//! integral, by Gauss–Legendre quadrature with as many panels as the turning asks for. Extrema of the curvature and of
-//! its rate are roots of polynomials of degree four at most.
+//! With arc length s ∈ [0, L] and u = s/L the curve is
 //!
-//! - [`connect`] finds the cubic between two poses with given curvatures at both ends (Newton's method).
-//! - [`super::boundary`] finds the least bent cubic or quintic under end conditions that leave something to optimise, and
-//!   under bounds of curvature and of its rate.
+//! ```text
+//! κ(s) = Σ kᵢ Nᵢ(u)                     curvature, 1/m, positive to the left
+//! θ(s) = θ₀ + ∫₀ˢ κ ds                   heading, rad, not wrapped
+//! p(s) = p₀ + ∫₀ˢ (cos θ, sin θ) ds      position, m
+//! ```
+//!
+//! A spiral stores its curvature kᵢ at equal steps of u (four knots make a cubic, six a quintic; Nᵢ is the Lagrange
+//! basis of these knots) and its length L. This parametrisation is well conditioned, and the bending energy is a
+//! quadratic form in the knots (Kelly & Nagy 2003; McNaughton 2011). The start pose (p₀, θ₀) is an argument of the
+//! functions that need it.
+//!
+//! Heading and curvature are exact to rounding. Position is a Fresnel-like integral: Gauss–Legendre quadrature with as
+//! many panels as the turning requires, error below 1e-9 m for 60 m and half a turn. Extrema of the curvature and of its
+//! rate are roots of polynomials of degree four at most and are exact.
+//!
+//! Outside [0, L] the polynomials are extrapolated: values are defined, but neither the accuracy nor the extrema cover
+//! them. A length that is not positive gives values that are not finite, or an empty curve.
+//!
+//! - [`connect`] solves for the cubic between two poses with given curvatures at both ends (Newton's method).
+//! - [`super::boundary`] solves for the cubic or quintic of least bending energy under end conditions that leave
+//!   freedom, and under bounds of curvature and of its rate.
 //! - [`Spiral::nearest`] projects a point.
+//!
+//! Weak: a spiral that turns by many turns over its length is integrated with a bounded number of panels and loses
+//! accuracy. No road turns that much.
 
 mod gradient;
 mod nearest;
@@ -26,10 +43,10 @@ pub(crate) use self::polynomial::{Polynomial, Tables};
 use super::quadrature::{GAUSS_3, GAUSS_5, GAUSS_8};
 use super::{Pose, Vector};
 
-/// A polynomial spiral with so many knots, in its own start frame. Use [`CubicSpiral`] or [`QuinticSpiral`].
+/// A polynomial spiral with `KNOTS` knots, in its start frame. Use [`CubicSpiral`] or [`QuinticSpiral`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spiral<const KNOTS: usize> {
-    /// Curvature at equal steps of arc length from the start to the end, in 1/m.
+    /// Curvature at equal steps of arc length from the start to the end, 1/m, positive to the left.
     pub knots: [f64; KNOTS],
     /// Length, m, positive.
     pub length: f64,
@@ -38,32 +55,32 @@ pub struct Spiral<const KNOTS: usize> {
 /// A cubic spiral: curvature at u = 0, 1/3, 2/3, 1.
 pub type CubicSpiral = Spiral<4>;
 
-/// A quintic spiral: curvature at u = 0, 1/5, … 1. Its two knots more hold the rate of curvature at the ends, or spend
-/// less bending energy.
+/// A quintic spiral: curvature at u = 0, 1/5, … 1. Its two additional knots fix the curvature rate at the ends or
+/// reduce the bending energy.
 pub type QuinticSpiral = Spiral<6>;
 
-/// A point of a path: pose, curvature and its derivative by arc length.
+/// A point of a path: pose, curvature and the derivative of curvature by arc length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
-    /// Pose of the rear axle.
+    /// Position, m, and heading, rad. For a vehicle path: the pose of the rear axle.
     pub pose: Pose,
-    /// Curvature, 1/m.
+    /// Curvature, 1/m, positive to the left.
     pub curvature: f64,
-    /// Derivative of curvature by arc length, 1/m².
+    /// Curvature rate: the derivative of curvature by arc length, 1/m².
     pub curvature_rate: f64,
 }
 
 /// Turning (rad, as bounded by [`Spiral::turning_bound`]) up to which one eight-point panel is enough. It is small
-/// because the bound does not see how fast curvature varies: a knot pattern of (0, −1, 2, 0) is the bad case, with an
-/// error growing as turning⁴.
+/// because the bound ignores how fast curvature varies: the knots (0, −1, 2, 0) are the worst case, with an error that
+/// grows as turning⁴.
 const TURN_OF_ONE_PANEL: f64 = 0.3;
-/// Turning (rad) for each further panel, from the second on: errors below 1e-9 m on 60 m, by the tests below.
+/// Turning (rad) per additional panel, from the second on: errors below 1e-9 m on 60 m, by the tests below.
 const TURN_PER_PANEL: f64 = 2.0;
-/// The same for a quintic, which varies faster than its bound tells.
+/// The same for a quintic, whose curvature varies faster than its bound shows.
 const TURN_PER_PANEL_OF_A_QUINTIC: f64 = 1.25;
-/// A step of a sweep as short as this against the spiral, and turning as little as this (rad), needs three points only.
+/// Three-point quadrature is enough for a sweep of at least this many intervals with at most this turning (rad) each.
 const THREE_POINTS: (usize, f64) = (32, 0.06);
-/// The same for five points.
+/// The same for five-point quadrature.
 const FIVE_POINTS: (usize, f64) = (8, 0.4);
 
 impl<const K: usize> Spiral<K> {
@@ -71,7 +88,7 @@ impl<const K: usize> Spiral<K> {
     /// steps, 3.1063 for six).
     const LEBESGUE: f64 = if K <= 4 { 1.64 } else { 3.11 };
 
-    /// A straight line, m.
+    /// A straight line of the given length, m.
     #[must_use]
     pub fn straight(length: f64) -> Self {
         Self { knots: [0.0; K], length }
@@ -81,7 +98,7 @@ impl<const K: usize> Spiral<K> {
         Polynomial::through(&self.knots)
     }
 
-    /// An upper bound of the angle turned through over the whole length, rad.
+    /// An upper bound of ∫ |κ| ds over the whole length, rad.
     fn turning_bound(&self) -> f64 {
         Self::LEBESGUE * self.length * self.knots.iter().fold(0.0_f64, |m, k| m.max(k.abs()))
     }
@@ -104,8 +121,8 @@ impl<const K: usize> Spiral<K> {
         self.length * self.curvature_polynomial().integral(s / self.length)
     }
 
-    /// Pose and curvature at arc length `s` from `start`. Error of the position below 1e-9 m for up to
-    /// 60 m and half a turn, and far below it for lattice edges.
+    /// Pose and curvature at arc length `s` (m) of the spiral that begins at `start`. The position error is below
+    /// 1e-9 m for up to 60 m and half a turn, and far below that for lattice edges.
     #[must_use]
     pub fn point_at(&self, start: &Pose, s: f64) -> PathPoint {
         let curvature = self.curvature_polynomial();
@@ -114,7 +131,7 @@ impl<const K: usize> Spiral<K> {
         self.path_point(&curvature, start, moved, u)
     }
 
-    /// The pose at the end.
+    /// The pose at the end of the spiral that begins at `start`.
     #[must_use]
     pub fn end(&self, start: &Pose) -> Pose {
         self.point_at(start, self.length).pose
@@ -148,14 +165,14 @@ impl<const K: usize> Spiral<K> {
         sum * (self.length * width)
     }
 
-    /// `intervals` + 1 points at equal spacing, both ends included, each with its arc length. One sweep: every point
-    /// is integrated from the one before, so this is the way to sample a whole edge. At least one interval.
+    /// `intervals` + 1 points at equal spacing, both ends included, each with its arc length (m). At least one interval.
+    /// Every point is integrated from the previous one, so that this is the cheapest sampling of a whole spiral.
     pub fn samples(&self, start: &Pose, intervals: usize) -> impl Iterator<Item = (f64, PathPoint)> + use<K> {
         let (spiral, start, intervals) = (*self, *start, intervals.max(1));
         let curvature = spiral.curvature_polynomial();
         let width = 1.0 / intervals as f64;
         let turning = spiral.turning_bound() * width;
-        let allows = move |(least, most): (usize, f64)| intervals >= least && turning <= most;
+        let allows = move |(min, max): (usize, f64)| intervals >= min && turning <= max;
         let mut moved = Vector::zeros();
         (0..=intervals).map(move |i| {
             if i > 0 {
@@ -179,7 +196,7 @@ impl<const K: usize> Spiral<K> {
         self.samples(start, intervals).collect()
     }
 
-    /// Least and largest curvature on the whole spiral, 1/m: exact to rounding.
+    /// Smallest and largest curvature on the whole spiral, 1/m: exact to rounding.
     #[must_use]
     pub fn curvature_range(&self) -> (f64, f64) {
         let curvature = self.curvature_polynomial();
@@ -194,7 +211,7 @@ impl<const K: usize> Spiral<K> {
         low.abs().max(high.abs())
     }
 
-    /// Least and largest derivative of the curvature by arc length on the whole spiral, 1/m²: exact to rounding.
+    /// Smallest and largest curvature rate on the whole spiral, 1/m²: exact to rounding.
     #[must_use]
     pub fn curvature_rate_range(&self) -> (f64, f64) {
         let curvature = self.curvature_polynomial();
@@ -202,14 +219,14 @@ impl<const K: usize> Spiral<K> {
         range(inner.chain([0.0, 1.0]).map(|u| curvature.derivative(u) / self.length))
     }
 
-    /// Largest |derivative of curvature| on the whole spiral, 1/m²: exact to rounding.
+    /// Largest |curvature rate| on the whole spiral, 1/m²: exact to rounding.
     #[must_use]
     pub fn max_abs_curvature_rate(&self) -> f64 {
         let (low, high) = self.curvature_rate_range();
         low.abs().max(high.abs())
     }
 
-    /// Bending energy ∫ κ² ds = L kᵀ M k, 1/m: exact.
+    /// Bending energy ∫ κ² ds = L kᵀ M k, 1/m: exact to rounding.
     #[must_use]
     pub fn bending_energy(&self) -> f64 {
         let mut sum = 0.0;
@@ -219,13 +236,13 @@ impl<const K: usize> Spiral<K> {
         sum * self.length
     }
 
-    /// The spiral mirrored on its start heading: left and right exchanged.
+    /// The spiral mirrored at its start heading: left and right exchanged.
     #[must_use]
     pub fn mirrored(&self) -> Self {
         Self { knots: self.knots.map(|k| -k), length: self.length }
     }
 
-    /// The part between two arc lengths, `from < to`; exact, since a part of a polynomial is a polynomial.
+    /// The part between two arc lengths (m), `from < to`. Exact, since a part of a polynomial is a polynomial.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Self {
         let length = to - from;
@@ -240,7 +257,7 @@ impl CubicSpiral {
     pub fn elevated(&self) -> QuinticSpiral {
         let curvature = self.curvature_polynomial();
         let mut knots: [f64; 6] = std::array::from_fn(|i| curvature.value(knot::<6>(i)));
-        knots[5] = self.knots[3]; // to the bit
+        knots[5] = self.knots[3]; // without rounding
         QuinticSpiral { knots, length: self.length }
     }
 }
@@ -257,10 +274,10 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 /// Number of eight-point panels for a turning, rad.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small positive count
 fn panels<const K: usize>(turning: f64) -> usize {
-    /// More turning than any road holds: a bound on the work for absurd input, where accuracy does not matter.
-    const MOST: f64 = 64.0;
+    /// Limits the work for input that turns more than any road; accuracy does not matter there.
+    const MAX_PANELS: f64 = 64.0;
     let per_panel = if K <= 4 { TURN_PER_PANEL } else { TURN_PER_PANEL_OF_A_QUINTIC };
-    if turning <= TURN_OF_ONE_PANEL { 1 } else { 2 + (turning / per_panel).min(MOST) as usize }
+    if turning <= TURN_OF_ONE_PANEL { 1 } else { 2 + (turning / per_panel).min(MAX_PANELS) as usize }
 }
 
 #[cfg(test)]
@@ -268,7 +285,7 @@ pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The end by Simpson's rule on a fine grid: the lecture's method, slow and independent of the Gauss rules.
+    /// Displacement by Simpson's rule on a fine grid: slow, and independent of the Gauss rules.
     fn simpson<const K: usize>(spiral: &Spiral<K>, start: &Pose, s: f64) -> Vector {
         let n = 20_000;
         let direction = |i: usize| {
@@ -284,8 +301,8 @@ pub(super) mod tests {
     fn spirals() -> impl Strategy<Value = CubicSpiral> {
         (prop::array::uniform4(-0.25..0.25f64), 1.0..60.0f64).prop_filter_map("turns too much", |(knots, length)| {
             let spiral = CubicSpiral { knots, length };
-            let worst = (0..=100).map(|i| spiral.heading_change(length * f64::from(i) / 100.0).abs());
-            (worst.fold(0.0, f64::max) <= std::f64::consts::PI).then_some(spiral)
+            let turning = (0..=100).map(|i| spiral.heading_change(length * f64::from(i) / 100.0).abs());
+            (turning.fold(0.0, f64::max) <= std::f64::consts::PI).then_some(spiral)
         })
     }
 
@@ -344,7 +361,7 @@ pub(super) mod tests {
         }
 
         #[test]
-        fn a_part_runs_along_the_whole(spiral in spirals(), a in 0.0..0.9f64, b in 0.05..1.0f64) {
+        fn a_part_lies_on_the_whole_spiral(spiral in spirals(), a in 0.0..0.9f64, b in 0.05..1.0f64) {
             let from = a * spiral.length;
             let to = from + b * (spiral.length - from);
             let start = Pose::new(1.0, 2.0, 0.3);

@@ -1,31 +1,34 @@
 //! The point of a spiral nearest to a given point: branch and bound, then a safeguarded Newton iteration.
 //!
-//! With the deviation d(s) = p(s) − q the slope of ½‖d‖² is g = d·t, and g′ = 1 + κ d·n. An interval is
-//! - dropped when it cannot beat the best distance so far: it lies within max|κ| h²/8 of its chord;
-//! - finished when g′ > 0 on all of it (bounded from the curvature's range and the distances): it has one minimum;
-//! - halved otherwise.
+//! With the deviation d(s) = p(s) − q from the query point q, the slope of ½‖d‖² is g = d·t, and g′ = 1 + κ d·n. The
+//! search treats each interval in one of three ways:
+//! - It discards the interval if it cannot improve on the best distance. The curve lies within max|κ| h²/8 of its chord.
+//! - It solves for the minimum if g′ > 0 on the whole interval, by bounds of the curvature and the distances: there is
+//!   at most one.
+//! - It halves the interval otherwise.
 //!
-//! Global on the spiral and exact to [`TOLERANCE`]. Slowest for a point at the centre of an arc, where everything is
-//! equally near: intervals then end where their sagitta is below the tolerance, or with the work limit.
+//! The result is the global minimum on the spiral, exact to [`TOLERANCE`]. The search is slowest for a point at the
+//! centre of an arc, where all points are equally near: it then stops when the sagitta is below the tolerance, or at the
+//! work limit.
 
 use super::{Polynomial, Spiral};
 use crate::geometry::quadrature::GAUSS_8;
 use crate::geometry::{Point, Pose, Vector};
 
-/// A distance this much nearer than the best so far is not looked for, m.
+/// Improvements of the distance below this are ignored, m.
 const TOLERANCE: f64 = 1e-9;
-/// Largest turning of a first interval, rad: short enough for one eight-point panel.
+/// Largest turning of an initial interval, rad: one eight-point panel is enough for it.
 const FIRST_TURNING: f64 = 0.25;
-/// First intervals at most; for spirals that wind as no road does.
-const MOST_FIRST: f64 = 256.0;
-/// Intervals looked at, over all: reached by points at the centre of an arc only.
-const MOST_INTERVALS: usize = 20_000;
+/// Maximum number of initial intervals; reached by spirals that turn more than any road.
+const MAX_INITIAL: f64 = 256.0;
+/// Work limit: intervals examined in total. Reached only by points at the centre of an arc.
+const MAX_INTERVALS: usize = 20_000;
 
 /// A place on the spiral.
 #[derive(Clone, Copy)]
 struct Place {
     s: f64,
-    /// From the point asked for to here, in the start frame.
+    /// Vector from the query point to here, in the start frame, m.
     away: Vector,
     heading: f64,
 }
@@ -38,10 +41,10 @@ impl Place {
 }
 
 impl<const K: usize> Spiral<K> {
-    /// Arc length and distance of the point of the spiral (begun at `start`) that is nearest to `point`, both in m; the
-    /// first of several. Never farther than the true nearest by more than 1e-9 m.
+    /// Arc length and distance (m) of the point nearest to `point`, on the spiral that begins at `start`; the first of
+    /// several equally near points. The distance exceeds the true minimum by at most 1e-9 m.
     ///
-    /// Not finite input gives the start and a distance that is not finite.
+    /// Input that is not finite returns arc length 0 and a distance that is not finite.
     #[must_use]
     pub fn nearest(&self, start: &Pose, point: Point) -> (f64, f64) {
         let search = Search { spiral: self, curvature: self.curvature_polynomial() };
@@ -62,7 +65,7 @@ struct Search<'a, const K: usize> {
 }
 
 impl<const K: usize> Search<'_, K> {
-    /// The place a little farther on.
+    /// The place at arc length `to`, integrated from a nearby place.
     fn advanced(&self, from: &Place, to: f64) -> Place {
         let length = self.spiral.length;
         let h = to - from.s;
@@ -76,7 +79,7 @@ impl<const K: usize> Search<'_, K> {
 
     fn run(&self, begin: Place) -> Place {
         let spiral = self.spiral;
-        let first = (spiral.turning_bound() / FIRST_TURNING).ceil().clamp(2.0, MOST_FIRST);
+        let first = (spiral.turning_bound() / FIRST_TURNING).ceil().clamp(2.0, MAX_INITIAL);
         let mut best = begin;
         let mut intervals = Vec::with_capacity(64);
         let mut from = begin;
@@ -89,25 +92,25 @@ impl<const K: usize> Search<'_, K> {
             intervals.push((from, to));
             from = to;
         }
-        intervals.reverse(); // the first on top, so that the first of several equally near places is found first
+        intervals.reverse(); // the earliest on top of the stack, so that it wins among equally near places
         let mut work = 0;
         while let Some((from, to)) = intervals.pop() {
             work += 1;
-            if work > MOST_INTERVALS {
+            if work > MAX_INTERVALS {
                 break;
             }
             let h = to.s - from.s;
-            let steepest = self.steepest(from.s, to.s);
-            let sagitta = steepest * h * h / 8.0;
+            let max_curvature = self.max_abs_curvature(from.s, to.s);
+            let sagitta = max_curvature * h * h / 8.0;
             let nearest = (to_segment(from.away, to.away) - sagitta).max(0.0);
             if nearest >= best.away.norm() - TOLERANCE {
                 continue;
             }
-            // |κ d·n| < 1 on the whole interval: the slope rises
+            // |κ d·n| < 1 on the whole interval: g increases
             let farthest = from.away.norm().max(to.away.norm()) + sagitta;
-            if steepest * farthest < 1.0 {
+            if max_curvature * farthest < 1.0 {
                 if from.slope() < 0.0 && to.slope() > 0.0 {
-                    better(&mut best, self.bottom(from, to));
+                    better(&mut best, self.minimum(from, to));
                 }
                 continue;
             }
@@ -119,11 +122,11 @@ impl<const K: usize> Search<'_, K> {
         best
     }
 
-    /// An upper bound of |κ| between two arc lengths: the values at both ends and the curvature's own variation.
-    fn steepest(&self, from: f64, to: f64) -> f64 {
+    /// An upper bound of |κ| between two arc lengths, tight on short intervals.
+    fn max_abs_curvature(&self, from: f64, to: f64) -> f64 {
         let length = self.spiral.length;
         let (a, b) = (from / length, to / length);
-        // Taylor about the middle with all derivatives: exact bound, tight on short intervals
+        // Taylor expansion about the middle, all terms taken with the same sign
         let half = 0.5 * (b - a);
         let mut coefficients = self.curvature.0;
         let middle = f64::midpoint(a, b);
@@ -136,9 +139,9 @@ impl<const K: usize> Search<'_, K> {
         coefficients.iter().rev().fold(0.0, |sum, c| c.abs() + half * sum)
     }
 
-    /// The one minimum inside an interval with a rising slope.
-    fn bottom(&self, from: Place, to: Place) -> Place {
-        /// Newton's method takes three or four.
+    /// The one minimum inside an interval on which g increases.
+    fn minimum(&self, from: Place, to: Place) -> Place {
+        /// Iteration limit; Newton's method needs three or four.
         const STEPS: usize = 60;
         let (mut low, mut high) = (from, to);
         let (left, right) = (from.slope(), to.slope());
@@ -151,9 +154,9 @@ impl<const K: usize> Search<'_, K> {
                 low = at
             }
             let (sin, cos) = at.heading.sin_cos();
-            let bend = self.curvature.value(at.s / self.spiral.length);
-            let steepness = 1.0 + bend * (at.away.y * cos - at.away.x * sin);
-            let newton = at.s - slope / steepness;
+            let curvature = self.curvature.value(at.s / self.spiral.length);
+            let derivative = 1.0 + curvature * (at.away.y * cos - at.away.x * sin);
+            let newton = at.s - slope / derivative;
             let inside = newton > low.s && newton < high.s;
             let next = if inside { newton } else { f64::midpoint(low.s, high.s) };
             let step = (next - at.s).abs();
@@ -174,10 +177,10 @@ fn better(best: &mut Place, candidate: Place) {
 
 /// Distance of the origin from a segment.
 fn to_segment(a: Vector, b: Vector) -> f64 {
-    let along = b - a;
-    let length = along.norm_squared();
-    let ratio = if length > 0.0 { (-a.dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
-    (a + along * ratio).norm()
+    let chord = b - a;
+    let square = chord.norm_squared();
+    let ratio = if square > 0.0 { (-a.dot(&chord) / square).clamp(0.0, 1.0) } else { 0.0 };
+    (a + chord * ratio).norm()
 }
 
 #[cfg(test)]
@@ -185,22 +188,21 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The least distance at dense samples, and what it may be off by.
+    /// The smallest distance over dense samples, and its possible error.
     fn dense<const K: usize>(spiral: &Spiral<K>, start: &Pose, point: Point) -> (f64, f64) {
         let n = 4000;
-        let least =
-            spiral.samples(start, n).map(|(_, p)| (p.pose.position - point).norm()).fold(f64::INFINITY, f64::min);
-        (least, spiral.length / n as f64)
+        let min = spiral.samples(start, n).map(|(_, p)| (p.pose.position - point).norm()).fold(f64::INFINITY, f64::min);
+        (min, spiral.length / n as f64)
     }
 
     fn check<const K: usize>(spiral: &Spiral<K>, start: &Pose, point: Point) -> Result<(), TestCaseError> {
         let (s, distance) = spiral.nearest(start, point);
         prop_assert!((0.0..=spiral.length).contains(&s));
-        let there = (spiral.point_at(start, s).pose.position - point).norm();
-        prop_assert!((there - distance).abs() < 1e-8, "{there} at {s}, said to be {distance}");
-        let (least, spacing) = dense(spiral, start, point);
-        prop_assert!(distance <= least + 2e-9, "{distance} where {least} was seen");
-        prop_assert!(distance >= least - spacing, "{distance} where nothing is nearer than {least}");
+        let actual = (spiral.point_at(start, s).pose.position - point).norm();
+        prop_assert!((actual - distance).abs() < 1e-8, "{actual} at {s}, reported {distance}");
+        let (sampled, spacing) = dense(spiral, start, point);
+        prop_assert!(distance <= sampled + 2e-9, "{distance}, but a sample is at {sampled}");
+        prop_assert!(distance >= sampled - spacing, "{distance}, but no sample is nearer than {sampled}");
         Ok(())
     }
 
@@ -217,7 +219,7 @@ mod tests {
         }
 
         #[test]
-        fn a_point_beside_the_spiral_comes_back(
+        fn projects_a_laterally_offset_point_to_its_foot(
             turns in prop::array::uniform4(-1.0..1.0f64), length in 5.0..60.0f64, at in 0.0..1.0f64, aside in -0.5..0.5f64,
         ) {
             let spiral = Spiral::<4> { knots: turns.map(|t| t / length), length };
@@ -230,14 +232,14 @@ mod tests {
     }
 
     #[test]
-    fn the_centre_of_an_arc_is_answered_in_bounded_time() {
+    fn projects_the_centre_of_an_arc_in_bounded_time() {
         let arc = Spiral::<4> { knots: [0.1; 4], length: 25.0 };
         let (_, distance) = arc.nearest(&Pose::new(0.0, 0.0, 0.0), Point::new(0.0, 10.0));
         assert!((distance - 10.0).abs() < 1e-8);
     }
 
     #[test]
-    fn points_and_spirals_that_are_not_finite_are_answered() {
+    fn accepts_points_and_spirals_that_are_not_finite() {
         let line = Spiral::<4>::straight(10.0);
         let start = Pose::new(0.0, 0.0, 0.0);
         assert!(line.nearest(&start, Point::new(f64::NAN, 0.0)).1.is_nan());

@@ -1,10 +1,12 @@
 //! The cubic spiral between two poses with given curvatures, by Newton's method.
 //!
-//! A square system: three unknowns (two inner knots, length), three conditions. Heading at the end is linear in the inner
-//! knots, so it is eliminated and Newton works on two unknowns with an analytic Jacobian.
+//! A square system: three unknowns (two inner knots, length) and three conditions (end position and heading). The end
+//! heading is linear in the inner knots and is eliminated, so that Newton's method has two unknowns. Its Jacobian is
+//! analytic.
 //!
 //! Weak where the heading changes by more than half a turn ([`connect`] takes the heading modulo 2π) and where the end
-//! lies beside or behind the start: a cubic has no freedom left there, and `connect` says so instead of returning loops.
+//! lies beside or behind the start. A cubic has no freedom left there, and `connect` returns a failure instead of a path
+//! with loops.
 
 use thiserror::Error;
 
@@ -12,7 +14,7 @@ use super::{CubicSpiral, panels};
 use crate::geometry::quadrature::{GAUSS_3, GAUSS_8};
 use crate::geometry::{Point, Pose, Vector, wrap_angle};
 
-/// Why no spiral joins the two ends.
+/// Why no spiral connects the two ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum SpiralFailure {
     /// An input is not a finite number.
@@ -24,28 +26,28 @@ pub enum SpiralFailure {
     /// The end lies behind the start: no forward path without a loop.
     #[error("the end lies behind the start")]
     Behind,
-    /// Newton's method or the convex program did not settle, or settled on a path with loops.
+    /// Newton's method or the convex program did not converge, or converged to a path with loops.
     #[error("the iteration did not converge")]
     NotConverged,
-    /// No spiral within the curvature bound reaches the end, even softly.
-    #[error("the curvature bound leaves no spiral")]
+    /// No spiral within the curvature bound reaches the end, even with a sideways slide.
+    #[error("no spiral within the curvature bound reaches the end")]
     CurvatureBound,
 }
 
-/// Position error at which Newton's method stops, m; a tenth of what is promised.
+/// Position error at which Newton's method stops, m: a tenth of the promised error.
 const POSITION_TOLERANCE: f64 = 1e-10;
-/// Newton's method converges in three to six iterations where there is a useful solution.
+/// Iteration limit. Newton's method converges in three to six iterations where there is a useful solution.
 const MAX_ITERATIONS: usize = 20;
 /// Halvings of a Newton step that does not reduce the residual.
 const MAX_HALVINGS: usize = 5;
 /// A spiral longer than this many chords has loops (a half circle has 1.57).
 const MAX_DETOUR: f64 = 3.0;
 
-/// The spiral from the origin with heading 0 and `start_curvature` to the pose `end` (in that frame, heading taken
-/// modulo 2π in (−π, π]) with `end_curvature`. Position to 1e-9 m, heading to rounding.
+/// Solves for the cubic spiral from the origin with heading 0 and `start_curvature` (1/m) to the pose `end` (in that
+/// frame; its heading is wrapped to (−π, π]) with `end_curvature` (1/m). End position to 1e-9 m, end heading to rounding.
 ///
 /// # Errors
-/// See [`SpiralFailure`]: never [`SpiralFailure::CurvatureBound`], since nothing is bounded here.
+/// See [`SpiralFailure`]; never [`SpiralFailure::CurvatureBound`], since there is no bound here.
 pub fn connect(start_curvature: f64, end: &Pose, end_curvature: f64) -> Result<CubicSpiral, SpiralFailure> {
     let target = end.position.coords;
     if ![target.x, target.y, end.yaw, start_curvature, end_curvature].iter().all(|v| v.is_finite()) {
@@ -69,7 +71,7 @@ pub fn connect(start_curvature: f64, end: &Pose, end_curvature: f64) -> Result<C
         }
         let Some(inverse) = shot.jacobian.try_inverse() else { return Err(SpiralFailure::NotConverged) };
         let step = -(inverse * shot.error);
-        // the length must stay positive, and a step that more than halves it is not to be believed
+        // the length must stay positive: limit steps that would more than halve it
         let mut ratio = if step.x < -0.5 * length { -0.5 * length / step.x } else { 1.0 };
         let mut next = problem.shoot(length + ratio * step.x, asymmetry + ratio * step.y);
         for _ in 0..MAX_HALVINGS {
@@ -98,7 +100,7 @@ struct Boundary {
     target: Vector,
 }
 
-/// Where a trial spiral ends.
+/// End of a trial spiral.
 struct Shot {
     /// End of the trial minus target, m.
     error: Vector,
@@ -120,12 +122,12 @@ impl Boundary {
         CubicSpiral { knots, length }
     }
 
-    /// First values of (length, asymmetry): small deviations from the chord. The mean heading is the direction of the
-    /// chord, and each radian of heading off the chord costs (off²)/2 of length.
+    /// Initial guess of (length, asymmetry), for small deviations from the chord: the mean heading is the direction of
+    /// the chord, and a heading that deviates from it by δ lengthens the path by δ²/2.
     fn start(&self) -> (f64, f64) {
         let chord = self.target.norm();
         let direction = self.target.y.atan2(self.target.x);
-        // of a circular arc, half of whose turning is the chord's angle
+        // a circular arc
         let mut length = chord * (1.0 + self.heading * self.heading / 24.0);
         let mut asymmetry = 0.0;
         for _ in 0..2 {
@@ -152,7 +154,7 @@ impl Boundary {
                 let u = width * (panel as f64 + node);
                 let theta = length * cubic.integral(u);
                 let (even, odd) = inner_knot_integrals(u);
-                // L·∂θ/∂L: as the curvature stays, plus what the sum of the inner knots gives back
+                // L·∂θ/∂L with fixed curvature, plus the change of the sum of the inner knots
                 let length_share = theta - (8.0 / 3.0) * self.heading * even;
                 let (sin, cos) = theta.sin_cos();
                 let normal = Vector::new(-sin, cos) * *weight;
@@ -180,7 +182,7 @@ pub(crate) mod tests {
     /// A lattice problem: start curvature, end pose, end curvature.
     pub(crate) type Problem = (f64, Pose, f64);
 
-    /// The problems that the published figures are about, as tuples.
+    /// The problems of the published benchmark, as tuples.
     pub(crate) fn lattice_problems(count: usize) -> Vec<Problem> {
         let problems = problems::lattice_problems(problems::SEED, count);
         problems.into_iter().map(|p| (p.start_curvature, p.end, p.end_curvature)).collect()
@@ -195,7 +197,7 @@ pub(crate) mod tests {
             assert!((reached.pose.yaw - end.yaw).abs() < 1e-12);
             assert_eq!((spiral.knots[0], spiral.knots[3]), (start, curvature));
             assert!(spiral.length >= end.position.coords.norm() * (1.0 - 1e-12));
-            // twice the chord would be a path with a loop or a hairpin
+            // a path longer than twice the chord would have a loop or a hairpin
             assert!(spiral.length < 2.0 * end.position.coords.norm(), "{spiral:?} for {end:?}");
         }
     }
@@ -239,7 +241,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn each_bad_input_has_its_reason() {
+    fn each_invalid_input_has_its_failure() {
         let ahead = Pose::new(20.0, 1.0, 0.1);
         assert!(connect(0.0, &ahead, 0.0).is_ok());
         assert_eq!(connect(f64::NAN, &ahead, 0.0), Err(SpiralFailure::NotFinite));
@@ -247,13 +249,13 @@ pub(crate) mod tests {
         assert_eq!(connect(0.0, &Pose::new(f64::NAN, 0.0, 0.0), 0.0), Err(SpiralFailure::NotFinite));
         assert_eq!(connect(0.0, &Pose::new(0.0, 0.0, 0.0), 0.0), Err(SpiralFailure::Coincident));
         assert_eq!(connect(0.0, &Pose::new(-10.0, 1.0, 0.0), 0.0), Err(SpiralFailure::Behind));
-        // large but finite: an answer or a reason, never a hang
+        // large but finite input terminates with a spiral or a failure
         let _ = connect(1e300, &ahead, -1e300);
         let _ = connect(0.0, &Pose::new(1e200, 1e200, 3.0), 0.0);
     }
 
     #[test]
-    fn a_half_circle_is_found() {
+    fn solves_a_half_circle() {
         let spiral = connect(0.1, &Pose::new(0.0, 20.0, std::f64::consts::PI), 0.1).unwrap();
         assert!((spiral.length - 10.0 * std::f64::consts::PI).abs() < 1e-8);
         assert!((spiral.max_abs_curvature() - 0.1).abs() < 1e-9);

@@ -1,13 +1,13 @@
 //! Polynomials on the unit interval, given by their values at equal steps: the common core of cubic and quintic spirals.
 //!
-//! The tables are rational numbers, computed in integers at compile time and rounded once. Roots come from the chain of
-//! derivatives: between two neighbouring roots of its derivative a polynomial is monotone, so a sign change there is one
-//! root, which Newton's method finds inside its bracket. Quadratics are solved in closed form.
+//! The tables are rational numbers, computed in integers at compile time and rounded once. Roots follow from the chain
+//! of derivatives: between two neighbouring roots of its derivative a polynomial is monotone, so a sign change there
+//! encloses exactly one root, which a bracketed Newton iteration finds. Quadratics are solved in closed form.
 //!
-//! Weak: a root at which the sign does not change (a double root) may be left out. Here roots are places of extrema, and
-//! a derivative that touches zero without crossing it makes none.
+//! Weak: a root without a sign change (a double root) may be missed. The roots are used to locate extrema, and a
+//! derivative that touches zero without crossing it has no extremum there.
 
-/// Lagrange basis on the knots u = i/(K−1): coefficients by knot and rising power, as integers over a denominator.
+/// Lagrange basis on the knots u = i/(K−1): integer coefficients by knot and rising power, and one denominator per knot.
 const fn integer_basis<const K: usize>() -> ([[i128; K]; K], [i128; K]) {
     let mut coefficients = [[0_i128; K]; K];
     let mut denominators = [1_i128; K];
@@ -44,7 +44,7 @@ const fn integer_basis<const K: usize>() -> ([[i128; K]; K], [i128; K]) {
 /// Least common multiple of 1…12: the denominators of the integrals of products of two quintics.
 const COMMON: i128 = 27_720;
 
-/// Tables of the polynomials through K values.
+/// Tables of the Lagrange basis on K knots.
 pub(crate) struct Tables<const K: usize>;
 
 impl<const K: usize> Tables<K> {
@@ -64,7 +64,7 @@ impl<const K: usize> Tables<K> {
         table
     };
 
-    /// The same of its integral from zero, by the power above: ∫₀ᵘ Nᵢ = Σ `INTEGRAL[i][p]` u^(p+1).
+    /// Coefficients of the integral from zero, one power higher: ∫₀ᵘ Nᵢ = Σ `INTEGRAL[i][p]` u^(p+1).
     pub(crate) const INTEGRAL: [[f64; K]; K] = {
         let mut table = Self::BASIS;
         let mut i = 0;
@@ -130,7 +130,7 @@ impl<const K: usize> Polynomial<K> {
     /// The polynomial through K values at equal steps from u = 0 to 1.
     pub(crate) fn through(values: &[f64; K]) -> Self {
         let mut coefficients = [0.0; K];
-        coefficients[0] = values[0]; // to the bit
+        coefficients[0] = values[0]; // without rounding
         for (p, coefficient) in coefficients.iter_mut().enumerate().skip(1) {
             for (row, value) in Tables::<K>::BASIS.iter().zip(values) {
                 *coefficient += row[p] * value;
@@ -157,7 +157,7 @@ impl<const K: usize> Polynomial<K> {
         sum
     }
 
-    /// The derivative of any order.
+    /// The derivative of the given order.
     pub(crate) fn derivative_of_order(&self, order: usize, u: f64) -> f64 {
         let mut coefficients = self.0;
         let mut count = K;
@@ -167,7 +167,7 @@ impl<const K: usize> Polynomial<K> {
         horner(&coefficients[..count], u)
     }
 
-    /// ∫₀ᵘ.
+    /// The integral from 0 to u.
     #[inline]
     pub(crate) fn integral(&self, u: f64) -> f64 {
         let mut sum = self.0[K - 1] / K as f64;
@@ -177,7 +177,7 @@ impl<const K: usize> Polynomial<K> {
         u * sum
     }
 
-    /// Where the derivative of an order changes sign inside (0, 1), in rising order.
+    /// Arguments in (0, 1) at which the derivative of the given order changes sign, ascending.
     pub(crate) fn roots_of_derivative(&self, order: usize) -> Roots {
         let mut coefficients = self.0;
         let mut count = K;
@@ -188,7 +188,7 @@ impl<const K: usize> Polynomial<K> {
     }
 }
 
-/// Replaces `count` coefficients by those of the derivative; returns how many are left.
+/// Replaces `count` coefficients by those of the derivative; returns the remaining number of coefficients.
 fn differentiate(coefficients: &mut [f64], count: usize) -> usize {
     for p in 1..count {
         coefficients[p - 1] = p as f64 * coefficients[p];
@@ -201,13 +201,13 @@ fn horner(coefficients: &[f64], u: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| c + u * sum)
 }
 
-/// Most roots that are asked for: of the quartic derivative of a quintic.
-const MOST_ROOTS: usize = 4;
+/// Largest number of roots: those of the quartic derivative of a quintic.
+const MAX_ROOTS: usize = 4;
 
-/// Roots inside (0, 1), in rising order.
+/// Roots in (0, 1), ascending.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Roots {
-    at: [f64; MOST_ROOTS],
+    at: [f64; MAX_ROOTS],
     count: usize,
 }
 
@@ -224,7 +224,7 @@ impl Roots {
                 roots.push(first.max(second));
             }
             _ => {
-                let mut derivative = [0.0; MOST_ROOTS + 1];
+                let mut derivative = [0.0; MAX_ROOTS + 1];
                 derivative[..coefficients.len()].copy_from_slice(coefficients);
                 let count = differentiate(&mut derivative, coefficients.len());
                 let mut left = 0.0;
@@ -240,7 +240,7 @@ impl Roots {
     }
 
     fn push(&mut self, u: f64) {
-        if u > 0.0 && u < 1.0 && self.count < MOST_ROOTS {
+        if u > 0.0 && u < 1.0 && self.count < MAX_ROOTS {
             self.at[self.count] = u;
             self.count += 1;
         }
@@ -251,10 +251,10 @@ impl Roots {
     }
 }
 
-/// The root between two places of opposite sign: Newton's method, and bisection where a step would leave the bracket or
-/// does not halve it.
+/// The root between two arguments with values of opposite sign: Newton's method, with bisection where a step would leave
+/// the bracket or is more than half the last one. `None` if the signs are equal.
 fn bracketed(coefficients: &[f64], derivative: &[f64], mut low: f64, mut high: f64) -> Option<f64> {
-    /// Bisection alone ends after 53 halvings.
+    /// Bisection alone needs 53.
     const STEPS: usize = 64;
     let (at_low, at_high) = (horner(coefficients, low), horner(coefficients, high));
     if !(at_low < 0.0 && at_high > 0.0 || at_low > 0.0 && at_high < 0.0) {
@@ -278,7 +278,7 @@ fn bracketed(coefficients: &[f64], derivative: &[f64], mut low: f64, mut high: f
         let next = if inside { newton } else { f64::midpoint(low, high) };
         last = (next - u).abs();
         u = next;
-        // where the derivative is zero to rounding, the extremum's value is exact to rounding squared
+        // an error of this size in the argument of an extremum changes its value only to second order
         if last <= 1e-15 {
             break;
         }
@@ -286,8 +286,8 @@ fn bracketed(coefficients: &[f64], derivative: &[f64], mut low: f64, mut high: f
     Some(u)
 }
 
-/// Real roots of a u² + b u + c, without cancellation (Numerical Recipes, 5.6); NaN where there is none. A leading
-/// coefficient too small to matter sends its root to infinity, which is where it belongs.
+/// Real roots of a u² + b u + c, without cancellation (Numerical Recipes, 5.6); NaN where there is none. With a negligible
+/// leading coefficient one root goes to infinity, as it should.
 fn quadratic_roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let discriminant = b * b - 4.0 * a * c;
     if discriminant < 0.0 {
@@ -303,7 +303,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn tables_of_the_cubic_are_the_known_ones() {
+    fn cubic_tables_have_their_published_values() {
         let basis = Tables::<4>::BASIS;
         assert_eq!(basis[0], [1.0, -5.5, 9.0, -4.5]);
         assert_eq!(basis[1], [0.0, 9.0, -22.5, 13.5]);
@@ -312,12 +312,12 @@ mod tests {
         assert_eq!(Tables::<4>::WEIGHTS, [0.125, 0.375, 0.375, 0.125]);
         assert_eq!(Tables::<4>::MASS[0], [128.0 / 1680.0, 99.0 / 1680.0, -36.0 / 1680.0, 19.0 / 1680.0]);
         assert_eq!(Tables::<4>::MASS[1], [99.0 / 1680.0, 648.0 / 1680.0, -81.0 / 1680.0, -36.0 / 1680.0]);
-        // Boole's neighbour: the six-point closed Newton–Cotes rule
+        // the six-point closed Newton–Cotes rule
         assert_eq!(Tables::<6>::WEIGHTS, [19.0, 75.0, 50.0, 50.0, 75.0, 19.0].map(|w| w / 288.0));
     }
 
     /// Sign changes on a fine grid.
-    fn scanned(polynomial: &Polynomial<6>, order: usize) -> Vec<f64> {
+    fn sign_changes(polynomial: &Polynomial<6>, order: usize) -> Vec<f64> {
         let value = |u: f64| {
             let mut c = polynomial.0;
             let mut n = 6;
@@ -346,8 +346,8 @@ mod tests {
         fn every_sign_change_of_a_derivative_is_a_root(values in prop::array::uniform6(-1.0..1.0f64), order in 1..4usize) {
             let quintic = Polynomial::through(&values);
             let roots: Vec<f64> = quintic.roots_of_derivative(order).iter().collect();
-            for seen in scanned(&quintic, order) {
-                prop_assert!(roots.iter().any(|r| (r - seen).abs() < 2e-4), "{seen} is not among {roots:?}");
+            for expected in sign_changes(&quintic, order) {
+                prop_assert!(roots.iter().any(|r| (r - expected).abs() < 2e-4), "{expected} is not among {roots:?}");
             }
             prop_assert!(roots.windows(2).all(|w| w[0] <= w[1]));
         }

@@ -26,14 +26,6 @@ pub enum ReadError {
     /// The file cannot be read, whatever is in it.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The file is not UTF-8 text.
-    #[error("{file}:{line}: not UTF-8 text")]
-    NotUtf8 {
-        /// The file.
-        file: String,
-        /// Line of the first offending byte.
-        line: u32,
-    },
     /// The file is not well-formed XML, or declares a document type.
     #[error("{file}:{line}: not XML that this program reads: {source}")]
     NotXml {

@@ -32,7 +32,7 @@ use std::path::Path;
 
 pub use error::{Place, ReadError};
 
-use crate::io::files;
+use crate::io::{files, text};
 use crate::map::Scenario;
 use xml::{Node, Source};
 
@@ -48,20 +48,29 @@ const MAX_NODES: u32 = 40_000_000;
 /// Duration of a time step accepted, s. Published scenarios use 0.03 … 0.2 s.
 const TIME_STEPS: std::ops::RangeInclusive<f64> = 1e-3..=10.0;
 
-/// Reads a scenario file.
+/// Reads a scenario file. It may be gzip'd.
 ///
 /// # Errors
-/// The file cannot be read, is not a CommonRoad scenario, or holds something that cannot be understood safely.
+/// The file cannot be read, is not a CommonRoad scenario, or has missing or invalid elements.
 pub fn read_file(path: &Path) -> Result<Scenario, ReadError> {
-    let name = path.display().to_string();
-    let bytes = files::read(path, MAX_BYTES)?;
-    match std::str::from_utf8(&bytes) {
-        Ok(text) => read_str(&name, text),
-        Err(e) => {
-            let line = bytes[..e.valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-            Err(ReadError::NotUtf8 { file: name, line: u32::try_from(line).unwrap_or(u32::MAX) })
-        }
-    }
+    read_str(&path.display().to_string(), &text::read(path, MAX_BYTES)?)
+}
+
+/// Reads a scenario from a stream, such as standard input; `name` stands for the file in messages.
+///
+/// # Errors
+/// As [`read_file`].
+pub fn read_from(name: &str, stream: impl std::io::Read) -> Result<Scenario, ReadError> {
+    read_bytes(name, files::read_from(Path::new(name), stream, MAX_BYTES)?)
+}
+
+/// Reads a scenario from the bytes of a file, in any encoding that [`text::decode`] accepts; `name` stands for the file
+/// in messages.
+///
+/// # Errors
+/// As [`read_file`].
+pub fn read_bytes(name: &str, bytes: Vec<u8>) -> Result<Scenario, ReadError> {
+    read_str(name, &text::decode(Path::new(name), bytes, MAX_BYTES)?)
 }
 
 /// Reads a scenario from text; `name` stands for the file in messages.

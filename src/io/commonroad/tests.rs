@@ -533,6 +533,17 @@ fn a_byte_order_mark_and_comments_do_no_harm() {
 }
 
 #[test]
+fn a_utf16_or_compressed_scenario_is_read() {
+    let utf16: Vec<u8> = SMALL.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    std::io::Write::write_all(&mut gzip, &utf16).unwrap();
+    for bytes in [utf16, gzip.finish().unwrap()] {
+        let s = super::read_from("-", bytes.as_slice()).unwrap();
+        assert_eq!((s.obstacles.len(), s.issues), (5, vec![]));
+    }
+}
+
+#[test]
 fn files_that_cannot_be_read_say_why() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("none.xml");
@@ -540,7 +551,8 @@ fn files_that_cannot_be_read_say_why() {
     assert!(matches!(error, ReadError::Input(_)) && error.to_string().contains("none.xml"), "{error}");
     assert!(matches!(super::read_file(folder.path()), Err(ReadError::Input(_))), "a folder");
     std::fs::write(&path, b"<commonRoad>\n\xff\xfe</commonRoad>").unwrap();
-    assert!(matches!(super::read_file(&path), Err(ReadError::NotUtf8 { line: 2, .. })));
+    let error = super::read_file(&path).unwrap_err();
+    assert!(error.to_string().contains("none.xml:2: not text: byte 0xff"), "{error}");
     std::fs::write(&path, SMALL).unwrap();
     assert_eq!(super::read_file(&path).unwrap().obstacles.len(), 5);
 }

@@ -1,8 +1,8 @@
-//! A chain of cubic spirals with continuous curvature, and how its points move with its knots and lengths.
+//! A chain of cubic spirals with continuous curvature, and the sensitivities of its points to knots and lengths.
 //!
-//! Everything is told in the frame of the chain's start (origin, heading 0), so that nothing depends on where the map
-//! lies. Positions are L ∫ (cos θ, sin θ) du with θ linear in the knots; their derivatives are integrals of the same
-//! kind, and both come out of one sweep of five-point Gauss rules over the intervals between samples.
+//! All quantities are in the frame of the chain's start (origin, heading 0), so that they do not depend on the coordinates
+//! of the map. Positions are L ∫ (cos θ, sin θ) du with θ linear in the knots. Their derivatives are integrals of the same
+//! kind; one sweep of five-point Gauss rules over the intervals between samples computes both.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,62 +10,62 @@ use crate::geometry::quadrature::GAUSS_5;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose, Vector};
 
-/// Where chains start, in their own frame.
+/// Start of a chain in its frame.
 pub(super) const ORIGIN: Pose = Pose { position: Point::new(0.0, 0.0), yaw: 0.0 };
 
-/// The Lagrange basis of the knots at u = 0, 1/3, 2/3, 1, by rising powers of u.
+/// The Lagrange basis of the knots at u = 0, 1/3, 2/3, 1, by ascending powers of u.
 const BASIS: [[f64; 4]; 4] =
     [[1.0, -5.5, 9.0, -4.5], [0.0, 9.0, -22.5, 13.5], [0.0, -4.5, 18.0, -13.5], [0.0, 1.0, -4.5, 4.5]];
 
-/// The basis at `u`: curvature there is its product with the knots.
+/// The basis at `u`; the curvature is its product with the knots.
 pub(super) fn basis(u: f64) -> [f64; 4] {
     BASIS.map(|[a, b, c, d]| a + u * (b + u * (c + u * d)))
 }
 
-/// Its derivative by `u`.
+/// The derivative of the basis by `u`.
 pub(super) fn basis_slope(u: f64) -> [f64; 4] {
     BASIS.map(|[_, b, c, d]| b + u * (2.0 * c + u * 3.0 * d))
 }
 
-/// Its integral from 0 to `u`.
+/// The integral of the basis from 0 to `u`.
 fn basis_integral(u: f64) -> [f64; 4] {
     BASIS.map(|[a, b, c, d]| u * (a + u * (b / 2.0 + u * (c / 3.0 + u * (d / 4.0)))))
 }
 
-/// The vector turned by a quarter to the left: how a lever moves when its base turns.
+/// The vector rotated by 90° to the left: the derivative of a lever by the angle of its base.
 pub(super) fn quarter_turn(v: Vector) -> Vector {
     Vector::new(-v.y, v.x)
 }
 
-/// A chain: neighbours share the knot at their joint, so that curvature is continuous by construction.
+/// A chain of spirals. Neighbours share the knot at their joint, so that curvature is continuous by construction.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chain {
-    /// Knots of all pieces, 1/m; piece `i` has those from 3 i to 3 i + 3.
+    /// Knots of all pieces, 1/m; piece `i` has the knots 3 i to 3 i + 3.
     pub(super) knots: Vec<f64>,
     /// Lengths of the pieces, m.
     pub(super) lengths: Vec<f64>,
 }
 
-/// A point of a chain and how it moves. Derivatives are for the piece it lies on; what the pieces before do moves its
-/// start.
+/// A point of a chain with its sensitivities. Derivatives are by the variables of the piece that it lies on; the preceding pieces move
+/// the start of the piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// Share of the piece's length.
+    /// Normalised arc length in the piece.
     pub(super) u: f64,
-    /// Where it is, in the frame of the chain's start; yaw not wrapped.
+    /// Pose in the frame of the chain's start; yaw not wrapped.
     pub(super) pose: Pose,
-    /// From the start of the piece.
+    /// Vector from the start of the piece, m.
     pub(super) lever: Vector,
-    /// Of the position, by the piece's four knots (m²) and its length.
+    /// Derivatives of the position by the four knots of the piece (m²) and its length.
     pub(super) position_by: [Vector; 5],
-    /// Of the heading, by the same (m, 1/m).
+    /// Derivatives of the heading by the same (m, 1/m).
     pub(super) heading_by: [f64; 5],
 }
 
 impl Chain {
-    /// `None` for less than one piece, or pieces whose curvatures differ at a joint.
+    /// `None` without a piece, or if curvatures differ at a joint.
     pub(super) fn of(spirals: &[CubicSpiral]) -> Option<Self> {
-        /// Curvatures as close as this are the same, 1/m.
+        /// Tolerance of equal curvatures, 1/m.
         const SAME: f64 = 1e-9;
         let mut knots = vec![spirals.first()?.knots[0]];
         for spiral in spirals {
@@ -94,7 +94,7 @@ impl Chain {
         (0..self.pieces()).map(|i| self.spiral(i)).collect()
     }
 
-    /// Where it ends, in the frame of its start.
+    /// End pose in the frame of the start.
     pub(super) fn end(&self) -> Pose {
         (0..self.pieces()).fold(ORIGIN, |pose, i| self.spiral(i).end(&pose))
     }
@@ -109,12 +109,12 @@ impl Chain {
         self.spirals().iter().fold(0.0, |m: f64, s| m.max(s.max_abs_curvature()))
     }
 
-    /// Largest |derivative of curvature| anywhere, 1/m²: closed form.
+    /// Largest |curvature rate| anywhere, 1/m²: closed form.
     pub(super) fn max_abs_curvature_rate(&self) -> f64 {
         self.spirals().iter().fold(0.0, |m: f64, s| m.max(s.max_abs_curvature_rate()))
     }
 
-    /// Samples of every piece at equal spacing, `intervals` of them, the start of the piece left out.
+    /// Samples of every piece at equal spacing, one per interval, without the start of the piece.
     pub(super) fn linearised(&self, intervals: &[usize]) -> Vec<Vec<Sample>> {
         let mut start = ORIGIN;
         let mut all = Vec::with_capacity(self.pieces());
@@ -128,11 +128,11 @@ impl Chain {
         all
     }
 
-    /// Brings the end back to `target` by the smallest change of inner knots and lengths (Gauss–Newton on three
-    /// conditions; a knot counts by the distance it moves the path, its change times the square of the mean length).
-    /// False if the end stays off by more than [`END_TOLERANCE`].
+    /// Restores the end to `target` by the least-norm change of inner knots and lengths (Gauss–Newton on three conditions; a
+    /// knot is weighted by the displacement of the path, its change times the square of the mean length). `false` if the
+    /// error of the end remains above [`END_TOLERANCE`].
     pub(super) fn restore(&mut self, target: &Pose) -> bool {
-        /// Newton's method is at home in two or three.
+        /// Iteration limit; two or three are usual.
         const ITERATIONS: usize = 8;
         for _ in 0..ITERATIONS {
             let end = self.end();
@@ -161,7 +161,7 @@ impl Chain {
 
     /// Derivatives of the end (x, y, yaw) by every knot, in `unit`s, and by every length.
     fn end_by(&self, unit: f64) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
-        /// Of every piece: the derivatives need no more, Newton's method corrects itself.
+        /// Intervals per piece. Newton's method does not need more accurate derivatives.
         const INTERVALS: usize = 6;
         let samples = self.linearised(&vec![INTERVALS; self.pieces()]);
         let ends: Vec<Sample> = samples.iter().filter_map(|piece| piece.last().copied()).collect();
@@ -169,9 +169,9 @@ impl Chain {
         let mut by_knot = vec![Vector3::zeros(); self.knots.len()];
         let mut by_length = vec![Vector3::zeros(); self.pieces()];
         for (i, sample) in ends.iter().enumerate() {
-            let rest = quarter_turn(end.position - sample.pose.position);
+            let lever = quarter_turn(end.position - sample.pose.position);
             let column = |j: usize| {
-                let moved = sample.position_by[j] + rest * sample.heading_by[j];
+                let moved = sample.position_by[j] + lever * sample.heading_by[j];
                 Vector3::new(moved.x, moved.y, sample.heading_by[j])
             };
             for j in 0..4 {
@@ -183,10 +183,10 @@ impl Chain {
     }
 }
 
-/// Distance (m, and rad) at which an end is where it should be; a tenth of what is promised.
+/// Tolerance of the end pose, m and rad: a tenth of the guaranteed error.
 pub(super) const END_TOLERANCE: f64 = 1e-10;
 
-/// Samples of a spiral from `start`, its start left out.
+/// Samples of a spiral from `start`, without the start.
 fn linearised(spiral: &CubicSpiral, start: &Pose, intervals: usize) -> Vec<Sample> {
     let (k, length) = (spiral.knots, spiral.length);
     let of_knots = |weights: [f64; 4]| weights.iter().zip(&k).map(|(w, k)| w * k).sum::<f64>();
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_lie_where_the_spirals_say() {
+    fn samples_are_on_the_spirals() {
         let chain = bent();
         let samples = chain.linearised(&[6, 12, 6]);
         let mut start = ORIGIN;
@@ -280,10 +280,10 @@ mod tests {
     }
 
     #[test]
-    fn an_end_is_brought_back_without_moving_the_end_curvatures() {
-        let wanted = bent();
-        let target = wanted.end();
-        let mut moved = wanted.clone();
+    fn restoring_the_end_preserves_the_end_curvatures() {
+        let original = bent();
+        let target = original.end();
+        let mut moved = original.clone();
         moved.knots[2] += 2e-3;
         moved.knots[5] -= 3e-3;
         moved.lengths[1] += 0.3;
@@ -291,18 +291,18 @@ mod tests {
         assert!(moved.restore(&target));
         let end = moved.end();
         assert!((end.position - target.position).norm() < 1e-9 && (end.yaw - target.yaw).abs() < 1e-9);
-        assert_eq!((moved.knots[0], moved.knots[9]), (wanted.knots[0], wanted.knots[9]));
-        assert!(!moved.restore(&Pose::new(500.0, 0.0, 0.0)), "an end out of reach is told");
+        assert_eq!((moved.knots[0], moved.knots[9]), (original.knots[0], original.knots[9]));
+        assert!(!moved.restore(&Pose::new(500.0, 0.0, 0.0)), "an end out of reach must fail");
     }
 
     #[test]
-    fn straight_chains_are_brought_back_along_and_across() {
+    fn restores_straight_chains_longitudinally_and_laterally() {
         let mut chain = Chain { knots: vec![0.0; 7], lengths: vec![10.0, 12.0] };
         assert!(chain.restore(&Pose::new(21.9, 0.2, 0.01)));
     }
 
     #[test]
-    fn a_jump_of_curvature_is_no_chain() {
+    fn rejects_a_jump_of_curvature() {
         let spirals = bent().spirals();
         assert_eq!(Chain::of(&spirals), Some(bent()));
         assert_eq!(Chain::of(&[spirals[0], spirals[2]]), None);

@@ -1,4 +1,4 @@
-//! How far the footprint may move sideways from a path without meeting anything static.
+//! Lateral displacement of the footprint from a path that is free of static obstacles.
 
 use super::chain::Sample;
 use crate::collision::{Allowance, CollisionWorld};
@@ -6,48 +6,48 @@ use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::edges::closeness;
 
-/// Room at a sample of the original path.
+/// Free width at a sample of the original path.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Room {
-    /// How far the footprint may move to the right, m, zero or more.
+pub(super) struct FreeWidth {
+    /// Free displacement of the footprint to the right, m, not negative.
     pub(super) right: f64,
-    /// The same to the left.
+    /// Free displacement to the left, m, not negative.
     pub(super) left: f64,
-    /// Lines whose least value at a sideways displacement (m to the left) is about the clearance there: (clearance
-    /// without displacement, slope).
+    /// Linearised clearance as the minimum of lines over the displacement (m to the left): (clearance without displacement,
+    /// slope).
     pub(super) clearance: Vec<(f64, f64)>,
 }
 
-/// Probes of static obstacles and the road's edge around poses of a path.
+/// Probes of static obstacles and the road boundary around poses of a path.
 pub(super) struct Probe<'a> {
     pub(super) world: &'a CollisionWorld,
-    /// Pose of the frame that samples are in.
+    /// Frame of the samples.
     pub(super) frame: Pose,
-    /// Largest displacement asked about, m; less than the vehicle is wide, so that a footprint that is free here and
-    /// there is free between.
+    /// Largest displacement, m. Less than the width of the vehicle, so that the footprint is free between two free
+    /// displacements.
     pub(super) limit: f64,
-    /// Clearance that costs nothing, m.
-    pub(super) wanted: f64,
+    /// Clearance from which on there is no cost, m.
+    pub(super) desired: f64,
 }
 
-/// Length of the sweep that stands for a pose, m.
+/// Length of the sweep at a pose, m.
 const PROBE_LENGTH: f64 = 0.02;
-/// Taken off a room that is less than the limit, m: the sweeps of whole edges are wider than these by their slack.
+/// Reduction of a free width below the limit, m: sweeps of whole edges are wider than these by their slack.
 const RESERVE: f64 = 0.02;
-/// Displacement at which the slope of the clearance is measured, m.
+/// Displacement at which the slope of the clearance is evaluated, m.
 const SLOPE_STEP: f64 = 0.1;
 
 impl Probe<'_> {
-    /// The room at a sample. `allowance` is told from the sample on.
-    pub(super) fn room(&self, sample: &Sample, allowance: &Allowance) -> Room {
+    /// The free width at a sample. `allowance` is relative to the sample.
+    pub(super) fn free_width(&self, sample: &Sample, allowance: &Allowance) -> FreeWidth {
         let yaw = self.frame.yaw + sample.pose.yaw;
         let pose = Pose { position: self.frame.to_world(sample.pose.position), yaw };
         let at = |d: f64| Pose { position: pose.position + pose.left() * d, yaw };
         let settings = self.world.settings();
         let to_obstacle = self.limit + settings.static_obstacles.lateral.hypot(settings.static_obstacles.longitudinal);
-        // a centimetre for the growth of the road's surface and the length of the probe
+        // a centimetre for the inflation of the road surface and the length of the probe
         let to_road = self.limit + settings.road + 0.01;
-        let cap = to_obstacle.max(to_road).max(self.wanted + self.limit) + PROBE_LENGTH;
+        let cap = to_obstacle.max(to_road).max(self.desired + self.limit) + PROBE_LENGTH;
         let clearance = |pose: &Pose, cap: f64| self.world.clearance(&self.sweep(pose), cap);
         let here = clearance(&pose, cap);
         let (right, left) = if here.obstacle >= to_obstacle && here.road >= to_road {
@@ -57,22 +57,22 @@ impl Probe<'_> {
             (self.reach(|d| free(-d)), self.reach(free))
         };
         let near = closeness(&here);
-        let clearance = if near >= self.wanted + self.limit {
+        let clearance = if near >= self.desired + self.limit {
             Vec::new()
         } else {
             let there = |d: f64| closeness(&clearance(&at(d), cap));
             tangents(near, there(-SLOPE_STEP), there(SLOPE_STEP))
         };
-        Room { right, left, clearance }
+        FreeWidth { right, left, clearance }
     }
 
     fn sweep(&self, pose: &Pose) -> crate::collision::Sweep {
         self.world.sweep(pose, &CubicSpiral::straight(PROBE_LENGTH))
     }
 
-    /// The farthest of some displacements that is free, up to the limit; nothing if not even a little is.
+    /// The largest free displacement up to the limit, by bisection; zero if there is none.
     fn reach(&self, free: impl Fn(f64) -> bool) -> f64 {
-        /// Halvings: the room is told to a sixteenth of the limit.
+        /// Bisections: a resolution of a sixteenth of the limit.
         const HALVINGS: usize = 4;
         if free(self.limit) {
             return self.limit;
@@ -86,8 +86,8 @@ impl Probe<'_> {
     }
 }
 
-/// Lines through the clearance here, from those a step to either side: one for each side where it falls to both (between
-/// two obstacles), one in all where it is about straight or rises to both.
+/// Lines through the clearance here, by the clearances one step to either side: two lines where it decreases to both sides
+/// (between two obstacles), else one.
 fn tangents(here: f64, right: f64, left: f64) -> Vec<(f64, f64)> {
     let (from_right, to_left) = ((here - right) / SLOPE_STEP, (left - here) / SLOPE_STEP);
     if from_right > to_left {
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clearance_between_two_walls_falls_to_both_sides() {
+    fn clearance_between_two_walls_decreases_to_both_sides() {
         let lines = tangents(0.5, 0.4, 0.4);
         let at = |d: f64| lines.iter().map(|(c, slope)| c + slope * d).fold(f64::INFINITY, f64::min);
         assert!((at(0.1) - 0.4).abs() < 1e-12 && (at(-0.1) - 0.4).abs() < 1e-12);

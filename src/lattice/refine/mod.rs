@@ -1,33 +1,31 @@
-//! The chosen chain of edges, optimised once more as a whole.
+//! Refinement of the chosen path: optimises a chain of edges as a whole.
 //!
-//! Lattice edges end at nodes: at given stations, offsets, headings and curvatures. A chain of them bends more than it
-//! has to. Here the inner joints are let go: all knots (shared at the joints) and all lengths are varied together, while
-//! the start (pose and curvature), the end (pose and curvature) and whatever is kept of the committed path stay.
+//! Lattice edges end at nodes, that is, at given stations, offsets, headings and curvatures, so that a chain of edges bends
+//! more than necessary. Refinement releases the inner joints: it varies all knots (shared at the joints) and all lengths
+//! together. The start (pose and curvature), the end (pose and curvature) and the kept prefix of the committed path remain.
 //!
 //! ```text
-//! minimise    the lattice's own cost: bending energy, offset, lane, clearance, leaving the plan in force
-//! subject to  the end's pose and curvature
+//! minimise    the cost of the lattice: bending energy, offset, lane deviation, clearance, plan change
+//! subject to  pose and curvature at the end
 //!             bending energy ≤ the unrefined chain's
 //!             |κ| ≤ κ_max, |dκ/ds| ≤ the largest one of the unrefined chain
 //!             rear axle and front within the corridor at every sample
 //! ```
 //!
-//! The objective is the lattice's with bending made dearer, and not bending energy alone, because that alone would leave
-//! the reference line as far as the corridor lets it. What is cheaper here is cheaper there, by the same code: refinement trades none of the
-//! lattice's preferences away.
+//! The objective is the cost of the lattice with a larger weight of bending. Bending energy alone would leave the reference
+//! line as far as the corridor permits. The acceptance test uses the cost of the lattice, by the same code, so that
+//! refinement never makes a path worse by the criteria of the lattice.
 //!
-//! Technique: sequential convex programming (Clarabel) with a radius of trust on the sideways displacement; positions
-//! are linearised by exact sensitivities. After every program the end is brought back by Newton's method to 1e-10 m,
-//! and the step is taken only if the new chain **checks out**: it costs less, keeps the curvature bounds in closed form,
-//! and its swept footprint is free where the original's was. So every iterate could be driven, and the worst result is
-//! the chain that went in. The same gate makes refinement idempotent: a chain that would gain less than
-//! [`RefinementSettings::least_gain`] comes back as it was, to the bit.
+//! Technique: sequential convex programming (Clarabel) with a trust region on the lateral displacement. Positions are
+//! linearised by exact sensitivities. After every program Newton's method restores the end to 1e-10 m. A step is accepted
+//! only if the new chain costs less, satisfies the curvature bounds in closed form, and has a free swept footprint where the
+//! original has one. So every iterate can be driven, and the worst result is the original chain. Refinement is idempotent: a
+//! chain that would gain less than [`RefinementSettings::min_gain`] is returned unchanged, to the bit.
 //!
-//! Weak: a local method, inside a corridor of half a metre by default, which it may leave by some centimetres, because
-//! positions are linearised (what is in the way is checked without that). It passes an obstacle on the side on which the
-//! lattice passes it. Joints slide along the path only slowly, so that the best lengths are not quite found. Clearance is
-//! linearised by probes at the original poses. Where the chain is blocked, its last edge, which ends in front of the
-//! blocker, is left as it is, so that the place to stop at stays.
+//! Weak: the method is local, inside a corridor of half a metre by default. It may leave the corridor by some centimetres,
+//! since positions are linearised (the collision check is exact). It passes an obstacle on the same side as the lattice path.
+//! Joints move along the path only slowly, so that the lengths are not quite optimal. Clearance is linearised by probes at
+//! the original poses. The last edge of a blocked chain is not refined, so that the stop in front of the blocker remains.
 
 mod chain;
 mod corridor;
@@ -39,77 +37,77 @@ mod tests;
 use std::sync::Arc;
 
 use self::chain::Chain;
-use self::corridor::{Probe, Room};
+use self::corridor::{FreeWidth, Probe};
 use self::program::{Anchor, Program};
-use super::edges::{COST_SAMPLES, KeptPrefix, checked, least_terms};
+use super::edges::{COST_SAMPLES, KeptPrefix, checked, unchecked_terms};
 use super::{CostTerms, LatticeContext, LatticePath, Root, Weights};
 use crate::collision::Allowance;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::trajectory::Path;
 
-/// How the chosen chain of edges is refined.
+/// Settings of the refinement; the section `[planner.refinement]` of a settings file.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RefinementSettings {
-    /// Whether it is.
+    /// Whether the chosen path is refined.
     pub enabled: bool,
-    /// Largest number of convex programs.
+    /// Maximum number of convex programs.
     pub iterations: usize,
-    /// How far the path may move to either side, m. At most a metre: less than the vehicle is wide.
+    /// Largest displacement of the path to either side, m. At most a metre: less than the width of the vehicle.
     pub corridor: f64,
-    /// Share of a chain's cost that a refinement must save to be kept. Smaller gains are not worth another path.
-    pub least_gain: f64,
+    /// Smallest reduction of the cost for which the path changes, as a fraction of the cost.
+    pub min_gain: f64,
 }
 
 impl Default for RefinementSettings {
     fn default() -> Self {
-        Self { enabled: true, iterations: 4, corridor: 0.5, least_gain: 0.02 }
+        Self { enabled: true, iterations: 4, corridor: 0.5, min_gain: 0.02 }
     }
 }
 
-/// A path that costs to leave: the one in force, at some distances ahead.
+/// The cost of leaving the committed path, by its poses at some distances ahead.
 #[derive(Debug, Clone, Default)]
 pub struct Commitment {
-    /// Distances from the start of the path (m) with the poses in force there.
+    /// Distances from the start of the path (m) with the poses of the committed path there.
     pub poses: Vec<(f64, Pose)>,
-    /// Price per metre of the largest distance to the side at these.
-    pub price: f64,
-    /// Distance beyond which leaving costs no more, m.
-    pub most: f64,
+    /// Cost per metre of the largest lateral distance from these poses.
+    pub weight: f64,
+    /// Lateral distance at which the cost saturates, m.
+    pub max_distance: f64,
 }
 
 impl Commitment {
-    /// What a path pays for leaving it.
+    /// The cost of leaving the committed path for a path.
     #[must_use]
     pub fn cost(&self, path: &Path) -> f64 {
         let beside = |(ahead, pose): &(f64, Pose)| pose.to_local(path.at(*ahead).pose.position).y.abs();
-        self.price * self.poses.iter().map(beside).fold(0.0, f64::max).min(self.most)
+        self.weight * self.poses.iter().map(beside).fold(0.0, f64::max).min(self.max_distance)
     }
 }
 
-/// How much dearer bending is in the programs than in the lattice. Their step is taken only if it costs less by the
-/// lattice's own weights; within that, leaning to the less bent of two paths makes a swerve long and early, where the
-/// lattice's weights alone put it off a little in every cycle.
+/// Factor on the weight of bending in the programs. A step is accepted only if it costs less by the weights of the lattice.
+/// Within that, the preference for less bending makes swerves long and early; the weights of the lattice alone postpone them
+/// slightly in every cycle.
 const EMPHASIS: f64 = 2.0;
-/// Costs gain at least this, in the unit of all costs (m of detour): nobody would notice less.
-const LEAST_GAIN: f64 = 0.01;
-/// Once a step gains less than this share of what would be worth a new path, the next is not worth its time.
+/// Smallest reduction of the cost, m of detour.
+const MIN_GAIN: f64 = 0.01;
+/// The iteration stops when a step gains less than this fraction of the required gain.
 const SETTLED: f64 = 0.25;
-/// Radius of trust after a step that did not check out, as a share of the one before.
+/// Factor on the trust region after a rejected step.
 const SHRINK: f64 = 0.3;
-/// Share of the vehicle's width that the corridor may take to either side at most.
+/// Largest corridor to either side as a fraction of the vehicle's width.
 const WIDTH_SHARE: f64 = 0.9;
-/// Spacing of the samples at which the corridor is probed, m at most.
+/// Largest spacing of the samples of the corridor, m.
 const SPACING: f64 = 2.5;
-/// Curvature bounds are checked in closed form with this much for rounding.
+/// Relative rounding tolerance of the curvature bounds.
 const ROUNDING: f64 = 1e-9;
-/// The curvature's derivative is bounded so that refinement steers no faster than the lattice, but not to less than
-/// this, 1/m²: a straight chain must remain free to bend.
+/// Lower limit of the bound of the curvature rate, 1/m². The bound is the largest rate of the original chain, so that
+/// refinement steers no faster than the lattice; a straight chain must remain free to bend.
 const RATE_FLOOR: f64 = 1e-3;
 
-/// The path with its edges after the kept part optimised as a whole; `None` if that gains too little, or nothing better
-/// checks out. `allowance` is the root's, `front` the distance from the rear axle to the front bumper, m.
+/// The path with its edges after the kept prefix optimised as a whole. `None` if the gain is too small or no improvement is
+/// accepted. `allowance` is that of the root; `front` is the distance from the rear axle to the front bumper, m.
 #[must_use]
 pub fn refined(
     context: &LatticeContext<'_>,
@@ -120,39 +118,39 @@ pub fn refined(
     commitment: &Commitment,
     settings: &RefinementSettings,
 ) -> Option<LatticePath> {
-    let stage = Stage::of(context, path, allowance, weights, commitment)?;
-    let original = Chain::of(&stage.movable)?;
-    let before = stage.measured(&original)?;
-    let worth = (settings.least_gain * before.cost).max(LEAST_GAIN);
+    let problem = Refinement::of(context, path, allowance, weights, commitment)?;
+    let original = Chain::of(&problem.movable)?;
+    let before = problem.evaluated(&original)?;
+    let worth = (settings.min_gain * before.cost).max(MIN_GAIN);
     if before.cost <= worth {
         return None;
     }
     let width = WIDTH_SHARE * 2.0 * context.half_width;
-    let program = stage.program(&original, front, settings.corridor.min(width))?;
-    let (mut best, mut measured) = (original.clone(), before.clone());
+    let program = problem.program(&original, front, settings.corridor.min(width))?;
+    let (mut best, mut evaluated) = (original.clone(), before.clone());
     let target = original.end();
     let mut radius = settings.corridor;
     for _ in 0..settings.iterations {
         let step = program.step(&best, radius);
-        let Some((next, now)) = step.and_then(|next| stage.accepted(next, &target, &program, measured.cost)) else {
+        let Some((next, now)) = step.and_then(|next| problem.accepted(next, &target, &program, evaluated.cost)) else {
             if best != original {
-                // what is left to gain is less than the linearisation sees
+                // the remaining gain is below the error of the linearisation
                 break;
             }
             radius *= SHRINK;
             continue;
         };
-        let gain = measured.cost - now.cost;
-        (best, measured) = (next, now);
-        if gain < SETTLED * settings.least_gain * measured.cost {
+        let gain = evaluated.cost - now.cost;
+        (best, evaluated) = (next, now);
+        if gain < SETTLED * settings.min_gain * evaluated.cost {
             break;
         }
     }
-    if before.cost - measured.cost > worth { stage.path(&best, &measured, &before.terms) } else { None }
+    if before.cost - evaluated.cost > worth { problem.path(&best, &evaluated, &before.terms) } else { None }
 }
 
-/// The path that is refined, taken apart.
-struct Stage<'a> {
+/// The parts of the path to refine.
+struct Refinement<'a> {
     context: &'a LatticeContext<'a>,
     path: &'a LatticePath,
     weights: &'a Weights,
@@ -160,25 +158,26 @@ struct Stage<'a> {
     allowance: &'a Allowance,
     path_start: Pose,
     kept: Vec<CubicSpiral>,
-    /// Pose of the frame that chains are in: the end of what is kept.
+    /// Frame of the chains: the end of the kept prefix.
     frame: Pose,
+    /// The edges to optimise.
     movable: Vec<CubicSpiral>,
-    /// What is driven before them.
+    /// The kept prefix before them.
     before: KeptPrefix,
-    /// What follows behind them and stays.
+    /// The unchanged edges after them.
     tail: Vec<CubicSpiral>,
 }
 
-/// A chain in its place.
+/// Cost of a chain.
 #[derive(Clone)]
-struct Measured {
+struct EvaluatedChain {
     terms: CostTerms,
-    /// The terms' sum with the cost of leaving what is committed.
+    /// Total with the cost of leaving the committed path.
     cost: f64,
 }
 
-impl<'a> Stage<'a> {
-    /// `None` if there are not two edges to optimise together.
+impl<'a> Refinement<'a> {
+    /// `None` if there are fewer than two edges to optimise.
     fn of(
         context: &'a LatticeContext<'a>,
         path: &'a LatticePath,
@@ -214,13 +213,13 @@ impl<'a> Stage<'a> {
         self.kept.iter().map(|s| s.length).sum()
     }
 
-    /// The whole path with this chain in it.
+    /// The whole path with this chain.
     fn assembled(&self, chain: &Chain) -> Option<Path> {
         Path::new(self.path_start, &[self.kept.clone(), chain.spirals(), self.tail.clone()].concat())
     }
 
-    /// Cost of a chain, as the lattice has it; `None` if its swept footprint is not free.
-    fn measured(&self, chain: &Chain) -> Option<Measured> {
+    /// Cost of a chain by the terms of the lattice; `None` if its swept footprint is not free.
+    fn evaluated(&self, chain: &Chain) -> Option<EvaluatedChain> {
         let reference = self.context.reference;
         let mut start = self.frame;
         let mut station = reference.project(start.position).s;
@@ -228,23 +227,29 @@ impl<'a> Stage<'a> {
         for (i, spiral) in chain.spirals().into_iter().enumerate() {
             let end = spiral.end(&start);
             let ends = reference.project_near(end.position, station + spiral.length).s;
-            let before = if i == 0 { &self.before } else { &KeptPrefix::NOTHING };
-            let (least, bends) = least_terms(self.context, &start, &spiral, (station, ends), self.weights);
+            let before = if i == 0 { &self.before } else { &KeptPrefix::EMPTY };
+            let (least, curvatures) = unchecked_terms(self.context, &start, &spiral, (station, ends), self.weights);
             let checked = checked(self.context, (&start, &spiral), &least, before, self.weights);
             if checked.blocked_by.is_some() {
                 return None;
             }
-            let curve_slowdown =
-                self.weights.curve_slowdown * bends.curve_slowdown(spiral.length, self.context.full_speed_curvature);
+            let curve_slowdown = self.weights.curve_slowdown
+                * curvatures.curve_slowdown(spiral.length, self.context.full_speed_curvature);
             terms = terms.plus(&CostTerms { curve_slowdown, ..checked.terms });
             (start, station) = (end, ends);
         }
-        let leaving = self.commitment.cost(&self.assembled(chain)?);
-        Some(Measured { terms, cost: terms.total() + leaving })
+        let departure = self.commitment.cost(&self.assembled(chain)?);
+        Some(EvaluatedChain { terms, cost: terms.total() + departure })
     }
 
-    /// A program's chain with its end brought back, if it checks out and costs less than `limit`.
-    fn accepted(&self, mut next: Chain, target: &Pose, program: &Program<'_>, limit: f64) -> Option<(Chain, Measured)> {
+    /// The chain of a program with its end restored, if it satisfies the bounds, is free, and costs less than `limit`.
+    fn accepted(
+        &self,
+        mut next: Chain,
+        target: &Pose,
+        program: &Program<'_>,
+        limit: f64,
+    ) -> Option<(Chain, EvaluatedChain)> {
         if !next.restore(target)
             || next.bending_energy() > program.bending_energy * (1.0 + ROUNDING)
             || next.max_abs_curvature() > program.max_curvature * (1.0 + ROUNDING)
@@ -252,21 +257,21 @@ impl<'a> Stage<'a> {
         {
             return None;
         }
-        let measured = self.measured(&next)?;
-        (measured.cost < limit).then_some((next, measured))
+        let evaluated = self.evaluated(&next)?;
+        (evaluated.cost < limit).then_some((next, evaluated))
     }
 
-    /// What stays the same over the iterations. `None` for a corridor without any width.
+    /// The data that all iterations share. `None` if the corridor has no width.
     fn program(&self, original: &Chain, front: f64, limit: f64) -> Option<Program<'_>> {
         let corridor = self.corridor(original, limit);
-        let is_open = |(_, room): &(_, Room)| room.left + room.right > 0.0;
+        let is_open = |(_, free_width): &(_, FreeWidth)| free_width.left + free_width.right > 0.0;
         if !corridor.iter().flatten().any(is_open) {
             return None;
         }
         let anchor = |(ahead, pose): &(f64, Pose)| {
-            let along = ahead - self.kept_length();
+            let distance = ahead - self.kept_length();
             let pose = Pose { position: self.frame.to_local(pose.position), yaw: pose.yaw - self.frame.yaw };
-            (along > 0.0 && along < original.length()).then_some(Anchor { along, pose })
+            (distance > 0.0 && distance < original.length()).then_some(Anchor { distance, pose })
         };
         Some(Program {
             context: self.context,
@@ -278,14 +283,14 @@ impl<'a> Stage<'a> {
             bending_energy: original.bending_energy(),
             corridor,
             anchors: self.commitment.poses.iter().filter_map(anchor).collect(),
-            leaving: self.commitment.price,
+            departure_weight: self.commitment.weight,
         })
     }
 
-    /// Samples of the original chain with the room around them.
-    fn corridor(&self, original: &Chain, limit: f64) -> Vec<Vec<(chain::Sample, Room)>> {
-        let wanted = self.weights.desired_clearance;
-        let probe = Probe { world: self.context.world, frame: self.frame, limit, wanted };
+    /// Samples of the original chain with the free width around them.
+    fn corridor(&self, original: &Chain, limit: f64) -> Vec<Vec<(chain::Sample, FreeWidth)>> {
+        let desired = self.weights.desired_clearance;
+        let probe = Probe { world: self.context.world, frame: self.frame, limit, desired };
         let mut before = self.kept_length();
         let pieces = original.linearised(&original.lengths.iter().map(|l| intervals(*l)).collect::<Vec<_>>());
         pieces
@@ -293,9 +298,9 @@ impl<'a> Stage<'a> {
             .enumerate()
             .map(|(i, samples)| {
                 let length = original.lengths[i];
-                let room = |s: &chain::Sample| {
+                let free_width = |s: &chain::Sample| {
                     let here = before + s.u * length;
-                    // what is overlooked near the start is for the first edge
+                    // the allowance near the start applies to the first edge only
                     let allowance = if i > 0 {
                         Allowance::NONE
                     } else {
@@ -304,18 +309,18 @@ impl<'a> Stage<'a> {
                             no_road_until: self.allowance.no_road_until - here,
                         }
                     };
-                    probe.room(s, &allowance)
+                    probe.free_width(s, &allowance)
                 };
-                let all = samples.into_iter().map(|s| (s, room(&s))).collect();
+                let all = samples.into_iter().map(|s| (s, free_width(&s))).collect();
                 before += length;
                 all
             })
             .collect()
     }
 
-    /// The refined path: what the original costs, with the terms of the chain exchanged.
-    fn path(&self, chain: &Chain, measured: &Measured, before: &CostTerms) -> Option<LatticePath> {
-        let (old, now) = (&self.path.terms, &measured.terms);
+    /// The refined path, with the terms of the chain replaced.
+    fn path(&self, chain: &Chain, evaluated: &EvaluatedChain, before: &CostTerms) -> Option<LatticePath> {
+        let (old, now) = (&self.path.terms, &evaluated.terms);
         let terms = CostTerms {
             offset: old.offset + now.offset - before.offset,
             curvature: old.curvature + now.curvature - before.curvature,
@@ -347,7 +352,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Samples of an edge: a multiple of the cost's, [`SPACING`] apart at most.
+/// Number of intervals of an edge: a multiple of that of the cost samples, at most [`SPACING`] long.
 fn intervals(length: f64) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a small positive count
     let fold = (length / (SPACING * COST_SAMPLES as f64)).ceil().max(1.0) as usize;

@@ -1,11 +1,10 @@
-//! The convex program of one iteration: the lattice's own cost, linearised about a chain.
+//! The convex program of one iteration: the cost of the lattice, linearised about a chain.
 //!
-//! Variables are changes of inner knots and lengths, and of the poses at the joints, which keep the rows short: a sample
-//! depends on its own piece and the joint before it, and joints follow from one another by equalities. The last joint,
-//! the end, does not move.
+//! Variables are the changes of inner knots, lengths, and poses at the joints. The joints keep the rows short: a sample
+//! depends only on its own piece and the preceding joint, and equalities link consecutive joints. The end does not move.
 
 use super::chain::{Chain, Sample, basis, basis_slope, quarter_turn};
-use super::corridor::Room;
+use super::corridor::FreeWidth;
 use crate::convex::{QuadraticProgram, Term};
 use crate::geometry::quadrature::GAUSS_5;
 use crate::geometry::{Pose, Vector};
@@ -13,13 +12,13 @@ use crate::lattice::edges::{COST_SAMPLES, OFFSET_SATURATES};
 use crate::lattice::{LatticeContext, Weights};
 use crate::reference::Frenet;
 
-/// What stays the same over the iterations.
+/// The data that all iterations share.
 pub(super) struct Program<'a> {
     pub(super) context: &'a LatticeContext<'a>,
     pub(super) weights: Weights,
-    /// Pose of the frame that chains are in.
+    /// Frame of the chains.
     pub(super) frame: Pose,
-    /// From the rear axle to the front bumper, m.
+    /// Distance from the rear axle to the front bumper, m.
     pub(super) front: f64,
     /// Largest |κ| anywhere, 1/m.
     pub(super) max_curvature: f64,
@@ -27,37 +26,37 @@ pub(super) struct Program<'a> {
     pub(super) max_curvature_rate: f64,
     /// Largest bending energy, 1/m.
     pub(super) bending_energy: f64,
-    /// Samples of the original chain, and the room around them.
-    pub(super) corridor: Vec<Vec<(Sample, Room)>>,
-    /// Places beside which it costs to pass.
+    /// Samples of the original chain with the free width around them.
+    pub(super) corridor: Vec<Vec<(Sample, FreeWidth)>>,
+    /// Points of the committed path.
     pub(super) anchors: Vec<Anchor>,
-    /// Price per metre of the largest distance to the side of them.
-    pub(super) leaving: f64,
+    /// Cost per metre of the largest lateral distance from them.
+    pub(super) departure_weight: f64,
 }
 
-/// A place beside which it costs to pass: the committed path some way ahead.
+/// A point of the committed path.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Anchor {
-    /// Arc length from the start of the chain at which the path is compared, m.
-    pub(super) along: f64,
-    /// The pose that it is compared with, in the chain's frame.
+    /// Distance from the start of the chain, m.
+    pub(super) distance: f64,
+    /// Pose of the committed path, in the frame of the chain.
     pub(super) pose: Pose,
 }
 
 /// Largest relative change of a length in one iteration.
 const LENGTH_STEP: f64 = 0.1;
-/// Price of a changed length, per m²: joints that could as well lie elsewhere stay.
+/// Regularisation of changes of a length, per m².
 const LENGTH_INERTIA: f64 = 1e-5;
-/// Intervals between the points of a piece at which curvature and its derivative are bounded.
+/// Number of intervals between the bound rows of curvature and curvature rate in a piece.
 const CUTS: usize = 9;
-/// Rows that bound curvature and its derivative are tightened by this share: between them both may rise a little.
+/// Relative tightening of these rows: between them both may be slightly larger.
 const BOUND_RESERVE: f64 = 0.005;
 
 /// A program under construction about a chain.
 struct Builder<'a> {
     fixed: &'a Program<'a>,
     chain: &'a Chain,
-    /// How far to the side the linearisation is trusted, m.
+    /// Trust region of the lateral displacement, m.
     radius: f64,
     program: QuadraticProgram,
     /// Change of curvature by one unit of a knot's variable, 1/m.
@@ -67,8 +66,8 @@ struct Builder<'a> {
 }
 
 impl Program<'_> {
-    /// The best chain within `radius` (m, to the side) of `chain`, of whose end only the linearised place is kept.
-    /// `None` if the solver finds nothing.
+    /// The best chain within a lateral displacement of `radius` (m) from `chain`; its end is preserved to first order.
+    /// `None` if the solver fails.
     pub(super) fn step(&self, chain: &Chain, radius: f64) -> Option<Chain> {
         let mut builder = self.about(chain, radius)?;
         let next = builder.solved()?;
@@ -77,7 +76,7 @@ impl Program<'_> {
         if curvature <= self.max_curvature && rate <= self.max_curvature_rate && !bends_more {
             return Some(next);
         }
-        // rare enough to do without at first
+        // add bounds only if they are violated, which is rare
         if bends_more {
             builder.bound_bending();
         }
@@ -138,7 +137,7 @@ impl Builder<'_> {
         Some(next)
     }
 
-    /// Variable of knot `j` of piece `i`; none for the chain's ends.
+    /// Variable of knot `j` of piece `i`; `None` for the ends of the chain.
     fn knot(&self, i: usize, j: usize) -> Option<usize> {
         let knot = 3 * i + j;
         (knot > 0 && knot < 3 * self.chain.pieces()).then(|| knot - 1)
@@ -148,21 +147,21 @@ impl Builder<'_> {
         3 * self.chain.pieces() - 1 + i
     }
 
-    /// First of the three variables of the joint that ends piece `i`; none for the chain's end.
+    /// First of the three variables of the joint after piece `i`; `None` for the end of the chain.
     fn joint(&self, i: usize) -> Option<usize> {
         let pieces = self.chain.pieces();
         (i + 1 < pieces).then(|| 4 * pieces - 1 + 3 * i)
     }
 
-    /// A combination of a piece's knots, weights for changes of curvature.
+    /// A linear combination of the knots of a piece; the weights are for changes of curvature.
     fn knots(&self, i: usize, weights: &[f64]) -> Vec<Term> {
         let term = |(j, w): (usize, &f64)| Some((self.knot(i, j)?, w * self.knot_unit));
         weights.iter().enumerate().filter_map(term).collect()
     }
 
-    /// How far a sample of piece `i` moves in a direction, m, when the vehicle's point `ahead` of the rear axle counts.
+    /// Displacement of a sample of piece `i` in a direction, m, for the point of the vehicle `ahead` of the rear axle.
     fn moved(&self, i: usize, s: &Sample, direction: Vector, ahead: f64) -> Vec<Term> {
-        // the point ahead moves to the side as the heading turns
+        // a point ahead of the rear axle moves laterally with the heading
         let swing = ahead * direction.dot(&quarter_turn(s.pose.forward()));
         let by: [f64; 5] = std::array::from_fn(|j| direction.dot(&s.position_by[j]) + swing * s.heading_by[j]);
         let mut terms = self.knots(i, &by[..4]);
@@ -174,7 +173,7 @@ impl Builder<'_> {
         terms
     }
 
-    /// How far the heading at a sample of piece `i` turns, rad.
+    /// Change of the heading at a sample of piece `i`, rad.
     fn turned(&self, i: usize, s: &Sample) -> Vec<Term> {
         let mut terms = self.knots(i, &s.heading_by[..4]);
         terms.push((self.length(i), s.heading_by[4]));
@@ -184,7 +183,7 @@ impl Builder<'_> {
         terms
     }
 
-    /// The joint at the end of piece `i` goes where the piece ends.
+    /// Links the joint after piece `i` to the end of the piece.
     fn follow(&mut self, i: usize, end: &Sample) {
         let rows = [self.moved(i, end, Vector::x(), 0.0), self.moved(i, end, Vector::y(), 0.0), self.turned(i, end)];
         for (n, mut row) in rows.into_iter().enumerate() {
@@ -195,7 +194,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Bending energy of piece `i`: exact in the knots (κ² has degree six), linear in the length.
+    /// Adds the bending energy of piece `i`: exact in the knots (κ² has degree six), linear in the length.
     fn add_bending(&mut self, i: usize) {
         let (spiral, variable) = (self.chain.spiral(i), self.length(i));
         let length = spiral.length;
@@ -210,16 +209,16 @@ impl Builder<'_> {
         self.program.between(-step, &[(variable, 1.0)], step);
     }
 
-    /// Keeps the bending energy of the whole chain, at its present lengths, below the bound: a second-order cone.
+    /// Bounds the bending energy of the whole chain with its present lengths, by a second-order cone.
     fn bound_bending(&mut self) {
-        /// Taken off for what the lengths add.
+        /// Relative reserve for changes of the lengths.
         const RESERVE: f64 = 1e-3;
         let mut parts: Vec<(Vec<Term>, f64)> = Vec::new();
         let bound = (self.fixed.bending_energy * (1.0 - RESERVE)).sqrt();
         for i in 0..self.chain.pieces() {
             let spiral = self.chain.spiral(i);
             for (node, weight) in &GAUSS_5 {
-                // in shares of the bound, so that the cone is of the size of one
+                // relative to the bound, so that the cone has the size of one
                 let root = (weight * spiral.length).sqrt() / bound;
                 let terms = self.knots(i, &basis(*node).map(|w| root * w));
                 parts.push((terms, root * spiral.curvature(node * spiral.length)));
@@ -229,7 +228,7 @@ impl Builder<'_> {
         self.program.norm_at_most(&inner, (&[], 1.0));
     }
 
-    /// |κ| of piece `i` at some points. What it does between them is checked in closed form, afterwards.
+    /// Bounds |κ| of piece `i` at some points; the values between them are checked in closed form afterwards.
     fn bound_curvature(&mut self, i: usize) {
         let spiral = self.chain.spiral(i);
         for cut in 0..=CUTS {
@@ -243,7 +242,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The same for |dκ/ds|, whose bound is linear in the length, too.
+    /// Bounds |dκ/ds| of piece `i` at some points; this is linear in the length as well.
     fn bound_curvature_rate(&mut self, i: usize) {
         let (spiral, length) = (self.chain.spiral(i), self.length(i));
         for cut in 0..=CUTS {
@@ -259,45 +258,44 @@ impl Builder<'_> {
         }
     }
 
-    /// Rear axle and front stay within the room where that is narrow, and the rear axle within the radius of trust.
+    /// Bounds rear axle and front by the free width where that is narrow, and the rear axle by the trust region.
     fn bound_displacement(&mut self, i: usize, samples: &[Sample]) {
         let (corridor, radius) = (&self.fixed.corridor[i], self.radius);
         let stride = samples.len() / COST_SAMPLES;
         // the end of the chain does not move
         let movable = samples.len() - usize::from(i + 1 == self.chain.pieces());
-        for (n, (s, (original, room))) in samples.iter().zip(corridor).enumerate().take(movable) {
-            let narrow = room.left.min(room.right) < radius;
+        for (n, (s, (original, free_width))) in samples.iter().zip(corridor).enumerate().take(movable) {
+            let narrow = free_width.left.min(free_width.right) < radius;
             if !narrow && (n + 1) % stride != 0 {
                 continue;
             }
             for ahead in [Some(0.0), narrow.then_some(self.fixed.front)].into_iter().flatten() {
                 let now = displaced(s, original, ahead);
-                // what the last linearisation missed is asked back, as far as this one is trusted
+                // correct violations of the last linearisation as far as the trust region permits
                 let (least, most) =
-                    ((-room.right - now).clamp(-radius, radius), (room.left - now).clamp(-radius, radius));
+                    ((-free_width.right - now).clamp(-radius, radius), (free_width.left - now).clamp(-radius, radius));
                 let terms = self.moved(i, s, original.pose.left(), ahead);
                 self.program.between(least, &terms, most);
             }
         }
     }
 
-    /// Closeness of piece `i` to static obstacles: the square of the largest shortfall h of clearance, as the lattice
-    /// has it.
+    /// Adds the clearance cost of piece `i`: the square of the largest shortfall of clearance, as in the lattice.
     fn add_clearance(&mut self, i: usize, samples: &[Sample]) {
         let (weights, corridor) = (&self.fixed.weights, &self.fixed.corridor[i]);
-        let wanted = weights.desired_clearance;
-        if wanted <= 0.0 {
+        let desired = weights.desired_clearance;
+        if desired <= 0.0 {
             return;
         }
         let middle = 0.5 * self.fixed.front;
         let mut rows = Vec::new();
-        for (s, (original, room)) in samples.iter().zip(corridor) {
+        for (s, (original, free_width)) in samples.iter().zip(corridor) {
             let now = displaced(s, original, middle);
-            for (clearance, slope) in &room.clearance {
+            for (clearance, slope) in &free_width.clearance {
                 let here = clearance + slope * now;
-                if here - slope.abs() * self.radius < wanted {
-                    let terms = self.moved(i, s, original.pose.left() * (slope / wanted), middle);
-                    rows.push((terms, 1.0 - here / wanted));
+                if here - slope.abs() * self.radius < desired {
+                    let terms = self.moved(i, s, original.pose.left() * (slope / desired), middle);
+                    rows.push((terms, 1.0 - here / desired));
                 }
             }
         }
@@ -313,22 +311,22 @@ impl Builder<'_> {
         }
     }
 
-    /// Distance from the reference line and way outside the lane of piece `i`, at the lattice's own samples. Takes and
-    /// returns a station near the start and the end of the piece.
+    /// Adds the offset and lane-deviation costs of piece `i`, at the samples of the lattice. Takes a station near the start
+    /// and returns one near the end of the piece.
     fn add_offsets(&mut self, i: usize, samples: &[Sample], mut about: f64) -> f64 {
         let (weights, context) = (&self.fixed.weights, self.fixed.context);
         let stride = samples.len() / COST_SAMPLES;
-        let way = self.chain.lengths[i] / COST_SAMPLES as f64;
+        let spacing = self.chain.lengths[i] / COST_SAMPLES as f64;
         let mut by_length = 0.0;
         for s in samples.iter().skip(stride - 1).step_by(stride) {
             let place = self.fixed.frame.to_world(s.pose.position);
-            let Frenet { s: station, l } = context.reference.project_near(place, about + way);
+            let Frenet { s: station, l } = context.reference.project_near(place, about + spacing);
             about = station;
             let normal = Pose { yaw: context.reference.at(station).pose.yaw - self.fixed.frame.yaw, ..s.pose }.left();
             let terms = self.moved(i, s, normal, 0.0);
             by_length += weights.offset * l.abs().min(OFFSET_SATURATES).powi(2);
             if l.abs() < OFFSET_SATURATES {
-                self.program.add_square(weights.offset * way, &terms, -l);
+                self.program.add_square(weights.offset * spacing, &terms, -l);
             }
             let (left, right) = context.reference.lane_bounds(station);
             let sides = [(1.0, l + context.half_width - left), (-1.0, context.half_width - l - right)];
@@ -337,7 +335,7 @@ impl Builder<'_> {
                 continue;
             }
             let over = self.program.add_variable();
-            self.program.add_linear(over, weights.lane_deviation * way);
+            self.program.add_linear(over, weights.lane_deviation * spacing);
             self.program.between(0.0, &[(over, 1.0)], f64::INFINITY);
             for (side, now) in sides {
                 let mut row: Vec<Term> = terms.iter().map(|(variable, by)| (*variable, -side * by)).collect();
@@ -350,26 +348,26 @@ impl Builder<'_> {
         about
     }
 
-    /// The largest distance beside the plan in force, at the samples next to the places compared.
+    /// Adds the cost of the largest lateral distance from the committed path, at the samples next to its points.
     fn add_anchors(&mut self, samples: &[Vec<Sample>]) {
         if self.fixed.anchors.is_empty() {
             return;
         }
         let largest = self.program.add_variable();
-        self.program.add_linear(largest, self.fixed.leaving);
+        self.program.add_linear(largest, self.fixed.departure_weight);
         for anchor in &self.fixed.anchors {
             let mut begins = 0.0;
             let piece = self.chain.lengths.iter().position(|length| {
                 begins += length;
-                anchor.along <= begins
+                anchor.distance <= begins
             });
             let Some(i) = piece else { continue };
             let (length, count) = (self.chain.lengths[i], samples[i].len());
-            let u = 1.0 - (begins - anchor.along) / length;
+            let u = 1.0 - (begins - anchor.distance) / length;
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to a small count
             let nearest = ((u * count as f64).round() as usize).clamp(1, count) - 1;
             let s = samples[i][nearest];
-            // from the sample to the place compared it goes straight on, near enough
+            // straight from the sample to the compared point, which is near
             let ahead = (u - s.u) * length;
             let now = anchor.pose.to_local(s.pose.advanced(ahead).position).y;
             let moved = self.moved(i, &s, anchor.pose.left(), ahead);
@@ -383,7 +381,7 @@ impl Builder<'_> {
     }
 }
 
-/// How far a sample has moved to the left of the original one, m, at a point of the vehicle ahead of the rear axle.
+/// Displacement of a sample to the left of the original one, m, at a point of the vehicle ahead of the rear axle.
 pub(super) fn displaced(s: &Sample, original: &Sample, ahead: f64) -> f64 {
     let (now, then) = (s.pose.advanced(ahead), original.pose.advanced(ahead));
     original.pose.left().dot(&(now.position - then.position))

@@ -6,11 +6,11 @@ use crate::geometry::spiral::connect;
 use crate::map::{Lanelet, RoadNetwork, Scenario};
 use crate::reference::{ReferenceLine, ReferenceSettings};
 
-/// One wide lane along an arc, and parked cars on it.
+/// One wide lane along an arc with parked cars.
 struct Scene {
-    /// Where the lane starts.
+    /// Start of the lane.
     frame: Pose,
-    /// Its curvature, 1/m.
+    /// Curvature of the lane, 1/m.
     bend: f64,
     /// Stations and offsets of parked cars, m.
     cars: Vec<(f64, f64)>,
@@ -44,7 +44,7 @@ impl Scene {
         Self { cars: vec![], ..self }
     }
 
-    /// The pose at a station, `l` to the left (in the mirror image, to the right).
+    /// The pose at a station with offset `l` to the left (in the mirror image, to the right).
     fn at(&self, s: f64, l: f64) -> Pose {
         let arc = CubicSpiral { knots: [self.side * self.bend; 4], length: 200.0 };
         let on_line = arc.point_at(&self.frame, s).pose;
@@ -70,7 +70,7 @@ impl Scene {
         let reference = ReferenceLine::new(&scenario.network, &[1], vehicle.width, &ReferenceSettings::default());
         let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
         let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
-        // 11 m/s at the car's comfort
+        // 11 m/s at the comfortable lateral acceleration
         let full_speed_curvature = 3.0 / 121.0;
         test(&LatticeContext {
             reference: &reference.unwrap(),
@@ -81,7 +81,7 @@ impl Scene {
         })
     }
 
-    /// The path that the lattice would have through nodes.
+    /// The lattice path through nodes.
     fn path(&self, context: &LatticeContext<'_>, nodes: &[(f64, f64)]) -> LatticePath {
         let node = |(s, l): (f64, f64)| {
             let shrink = 1.0 - self.bend * l;
@@ -109,11 +109,11 @@ impl Scene {
         };
         let weights = Weights::default();
         let (commitment, allowance) = (Commitment::default(), Allowance::NONE);
-        let stage = Stage::of(context, &blank, &allowance, &weights, &commitment).unwrap();
-        let measured = stage.measured(&Chain::of(&spirals).unwrap()).expect("the path must be free");
+        let problem = Refinement::of(context, &blank, &allowance, &weights, &commitment).unwrap();
+        let evaluated = problem.evaluated(&Chain::of(&spirals).unwrap()).expect("the path must be free");
         let sweeps =
             blank.path.pieces().map(|(_, start, spiral)| Arc::new(context.world.sweep(start, spiral))).collect();
-        LatticePath { terms: blank.terms.plus(&measured.terms), sweeps, ..blank }
+        LatticePath { terms: blank.terms.plus(&evaluated.terms), sweeps, ..blank }
     }
 }
 
@@ -134,13 +134,13 @@ fn spirals(path: &Path) -> Vec<CubicSpiral> {
 fn slalom(scene: &Scene) -> (LatticePath, LatticePath) {
     scene.with_context(|context| {
         let path = scene.path(context, &SLALOM);
-        let better = refine(context, &path, &RefinementSettings::default()).expect("there is much to gain");
+        let better = refine(context, &path, &RefinementSettings::default()).expect("the slalom can be improved");
         (path, better)
     })
 }
 
 #[test]
-fn cost_and_bending_energy_go_down_and_the_ends_stay() {
+fn refinement_reduces_cost_and_bending_energy_and_preserves_the_ends() {
     let (path, better) = slalom(&Scene::slalom());
     println!(
         "cost {:.3} to {:.3}, energy {:.5} to {:.5}",
@@ -166,9 +166,9 @@ fn cost_and_bending_energy_go_down_and_the_ends_stay() {
 }
 
 #[test]
-fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
+fn the_terms_of_the_refined_path_agree_with_the_lattice() {
     Scene::slalom().with_context(|context| {
-        // 20 m/s at the car's comfort: too fast for the slalom
+        // 20 m/s at the comfortable lateral acceleration: too fast for the slalom
         let context = &LatticeContext { full_speed_curvature: 3.0 / 400.0, ..*context };
         let path = Scene::slalom().path(context, &SLALOM);
         let better = refine(context, &path, &RefinementSettings::default()).unwrap();
@@ -176,18 +176,18 @@ fn the_terms_of_the_refined_path_are_the_lattice_s_own() {
         let mut sum = CostTerms { progress_shortfall: 5.0, ..CostTerms::default() };
         for (_, start, spiral) in better.path.pieces() {
             let ends = [*start, spiral.end(start)].map(|p| context.reference.project(p.position).s);
-            let (least, bends) = least_terms(context, start, spiral, ends.into(), &weights);
-            sum = sum.plus(&checked(context, (start, spiral), &least, &KeptPrefix::NOTHING, &weights).terms);
+            let (least, curvatures) = unchecked_terms(context, start, spiral, ends.into(), &weights);
+            sum = sum.plus(&checked(context, (start, spiral), &least, &KeptPrefix::EMPTY, &weights).terms);
             sum.curve_slowdown +=
-                weights.curve_slowdown * bends.curve_slowdown(spiral.length, context.full_speed_curvature);
+                weights.curve_slowdown * curvatures.curve_slowdown(spiral.length, context.full_speed_curvature);
         }
-        assert!(sum.curve_slowdown > 0.0, "the slalom must be too sharp somewhere");
+        assert!(sum.curve_slowdown > 0.0, "the slalom must be too tight for the speed somewhere");
         assert!((sum.total() - better.terms.total()).abs() < 1e-9, "{sum:?} {:?}", better.terms);
     });
 }
 
 #[test]
-fn every_pose_keeps_its_margins_and_the_corridor() {
+fn every_pose_respects_the_margins_and_the_corridor() {
     for limit in [0.15, 0.5] {
         let scene = Scene::slalom();
         scene.with_context(|context| {
@@ -198,7 +198,7 @@ fn every_pose_keeps_its_margins_and_the_corridor() {
             for (_, point) in better.path.sampled(0.05) {
                 let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
                 assert_eq!(context.world.static_hit(&here), None, "at {:?}", point.pose);
-                // the linearisation misses some centimetres
+                // the linearisation has an error of some centimetres
                 let offset = line.project(point.pose.position).offset;
                 assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
             }
@@ -206,11 +206,11 @@ fn every_pose_keeps_its_margins_and_the_corridor() {
     }
 }
 
-/// A slalom so tight that the margins are touched on both sides: what is gained must not come from them.
+/// A passage so narrow that both margins are touched: refinement must not violate them.
 #[test]
-fn a_passage_without_room_is_passed_where_it_was() {
+fn a_narrow_passage_keeps_its_margins() {
     let nodes = [(0.0, 1.5), (24.0, 0.0), (36.0, 0.0), (62.0, 1.5), (90.0, 0.0)];
-    // half of the car's width, the vehicle's and the margin, and a centimetre
+    // half the width of the car, half that of the vehicle, the margin, and two centimetres
     let beside = 0.9 + 0.805 + 0.2 + 0.02;
     let scene = Scene { cars: vec![(32.0, beside), (32.0, -beside)], bend: 0.0, ..Scene::slalom() };
     scene.with_context(|context| {
@@ -225,7 +225,7 @@ fn a_passage_without_room_is_passed_where_it_was() {
 }
 
 #[test]
-fn a_corridor_without_width_and_a_single_edge_leave_the_path() {
+fn a_corridor_without_width_and_a_single_edge_are_not_refined() {
     let scene = Scene::slalom();
     scene.with_context(|context| {
         let path = scene.path(context, &SLALOM);
@@ -233,10 +233,10 @@ fn a_corridor_without_width_and_a_single_edge_leave_the_path() {
         assert!(refine(context, &path, &narrow).is_none());
         let weights = Weights::default();
         let (commitment, allowance) = (Commitment::default(), Allowance::NONE);
-        let stage = Stage::of(context, &path, &allowance, &weights, &commitment).unwrap();
-        let original = Chain::of(&stage.movable).unwrap();
-        assert!(stage.program(&original, FRONT, 0.0).is_none(), "nothing to vary in no room");
-        // the edge that ends in front of something stays as it is
+        let problem = Refinement::of(context, &path, &allowance, &weights, &commitment).unwrap();
+        let original = Chain::of(&problem.movable).unwrap();
+        assert!(problem.program(&original, FRONT, 0.0).is_none(), "a corridor without width has no program");
+        // the last edge of a blocked path is not refined
         let two = scene.path(context, &[(0.0, 0.3), (12.0, 1.6), (30.0, 1.2)]);
         assert!(refine(context, &two, &RefinementSettings::default()).is_some());
         let blocked = LatticePath { blocked_by: Some(crate::collision::Blocker::Obstacle(10)), ..two };
@@ -245,7 +245,7 @@ fn a_corridor_without_width_and_a_single_edge_leave_the_path() {
 }
 
 #[test]
-fn the_mirrored_problem_has_the_mirrored_result() {
+fn a_mirrored_problem_has_the_mirrored_result() {
     let (_, left) = slalom(&Scene::slalom());
     let (_, right) = slalom(&Scene::slalom().mirrored());
     for (a, b) in spirals(&left.path).iter().zip(spirals(&right.path)) {
@@ -255,7 +255,7 @@ fn the_mirrored_problem_has_the_mirrored_result() {
 }
 
 #[test]
-fn a_moved_map_has_the_same_result() {
+fn a_translated_map_has_the_same_result() {
     let (_, here) = slalom(&Scene::slalom());
     let (_, there) = slalom(&Scene::slalom().moved(1e6, -2e6));
     for (a, b) in spirals(&here.path).iter().zip(spirals(&there.path)) {
@@ -266,7 +266,7 @@ fn a_moved_map_has_the_same_result() {
 }
 
 #[test]
-fn a_path_that_is_best_already_stays() {
+fn an_optimal_path_is_unchanged() {
     let scene = Scene::slalom().empty();
     scene.with_context(|context| {
         let settings = RefinementSettings::default();
@@ -275,9 +275,9 @@ fn a_path_that_is_best_already_stays() {
     });
 }
 
-/// Refining what is refined gains little, and in the end nothing: the same path to the bit.
+/// Refining a refined path gains little and converges to the same path, to the bit.
 #[test]
-fn refining_again_settles() {
+fn repeated_refinement_converges() {
     let scene = Scene::slalom();
     scene.with_context(|context| {
         let settings = RefinementSettings::default();
@@ -287,7 +287,7 @@ fn refining_again_settles() {
             assert!(next.terms.total() < path.terms.total());
             path = next;
             rounds += 1;
-            assert!(rounds < 10, "it does not settle");
+            assert!(rounds < 10, "it does not converge");
         }
         let gain = (first.terms.total() - path.terms.total()) / first.terms.total();
         println!("{rounds} more rounds gained {:.2} %", 100.0 * gain);
@@ -296,25 +296,25 @@ fn refining_again_settles() {
 }
 
 #[test]
-fn the_committed_path_pulls_and_is_priced_as_the_planner_does() {
+fn the_cost_of_leaving_the_committed_path_is_included() {
     let scene = Scene::slalom();
     scene.with_context(|context| {
         let path = scene.path(context, &SLALOM);
         let free = refine(context, &path, &RefinementSettings::default()).unwrap();
         let poses = [5.0, 10.0, 20.0, 30.0].map(|d| (d, path.path.at(d).pose)).to_vec();
-        let commitment = Commitment { poses, price: 10.0, most: f64::INFINITY };
+        let commitment = Commitment { poses, weight: 10.0, max_distance: f64::INFINITY };
         assert!(commitment.cost(&path.path) < 1e-9);
         let (weights, settings) = (Weights::default(), RefinementSettings::default());
-        let held = refined(context, &path, &Allowance::NONE, FRONT, &weights, &commitment, &settings).unwrap();
-        let (far, near) = (commitment.cost(&free.path), commitment.cost(&held.path));
+        let committed = refined(context, &path, &Allowance::NONE, FRONT, &weights, &commitment, &settings).unwrap();
+        let (far, near) = (commitment.cost(&free.path), commitment.cost(&committed.path));
         assert!(near < 0.3 * far, "{near} {far}");
         let total = |p: &LatticePath| p.terms.total() + commitment.cost(&p.path);
-        assert!(total(&held) <= total(&free).min(total(&path)));
+        assert!(total(&committed) <= total(&free).min(total(&path)));
     });
 }
 
 #[test]
-fn curvature_stays_within_a_bound_that_bites() {
+fn respects_an_active_curvature_bound() {
     let scene = Scene { bend: 0.0, ..Scene::slalom() }.empty();
     scene.with_context(|context| {
         let path = scene.path(context, &[(0.0, 2.0), (12.0, 0.5), (24.0, 0.6), (36.0, -1.2), (50.0, 0.0)]);
@@ -329,9 +329,9 @@ fn curvature_stays_within_a_bound_that_bites() {
     });
 }
 
-/// Least bending energy by a slow search without derivatives: each variable in turn a step up or down, the end brought
-/// back, the step made smaller where nothing helps. Unless joints slide, the pieces keep their shares of the length.
-fn searched(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
+/// Smallest bending energy by a slow coordinate search without derivatives: one step of each variable in turn, the end
+/// restored, a smaller step without improvement. Unless joints slide, the pieces keep their fractions of the length.
+fn coordinate_search(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
     let target = original.end();
     // ∫κ² by the midpoint rule, not in closed form
     let energy = |chain: &Chain| {
@@ -359,7 +359,7 @@ fn searched(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
                 if !joints_slide {
                     let factor = next.length() / original.length();
                     next.lengths = original.lengths.iter().map(|l| l * factor).collect();
-                    // by knots and lengths in turn, until both agree
+                    // alternate between knots and lengths until both agree
                     legal = (0..8).all(|_| {
                         let back = next.restore(&target);
                         let factor = next.length() / original.length();
@@ -385,7 +385,7 @@ fn searched(original: &Chain, rate: f64, joints_slide: bool) -> f64 {
 }
 
 #[test]
-fn a_slow_search_finds_nothing_better_by_a_hundredth() {
+fn a_coordinate_search_improves_by_less_than_a_hundredth() {
     let weights = Weights { offset: 0.0, lane_deviation: 0.0, clearance: 0.0, ..Weights::default() };
     let scene = Scene { bend: 0.0, ..Scene::slalom() }.empty();
     let cases: [&[(f64, f64)]; 3] = [
@@ -396,7 +396,7 @@ fn a_slow_search_finds_nothing_better_by_a_hundredth() {
     for nodes in cases {
         scene.with_context(|context| {
             let path = scene.path(context, nodes);
-            let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, least_gain: 1e-4 };
+            let settings = RefinementSettings { enabled: true, iterations: 60, corridor: 1.0, min_gain: 1e-4 };
             let start = std::time::Instant::now();
             let none = Commitment::default();
             let better = refined(context, &path, &Allowance::NONE, FRONT, &weights, &none, &settings).unwrap();
@@ -411,18 +411,19 @@ fn a_slow_search_finds_nothing_better_by_a_hundredth() {
             );
             let original = Chain::of(&spirals(&path.path)).unwrap();
             let rate = original.max_abs_curvature_rate().max(RATE_FLOOR);
-            let (least, sliding) = (searched(&original, rate, false), searched(&original, rate, true));
+            let (least, sliding) =
+                (coordinate_search(&original, rate, false), coordinate_search(&original, rate, true));
             let found = energy(&better.path);
             println!(
-                "{:?}: {:.6} to {found:.6} (by default {:.6}), searched {least:.6}, sliding {sliding:.6}",
+                "{:?}: {:.6} to {found:.6} (by default {:.6}), coordinate search {least:.6}, sliding {sliding:.6}",
                 start.elapsed(),
                 energy(&path.path),
                 quick.map_or(f64::NAN, |q| energy(&q.path))
             );
-            assert!(found <= 1.01 * least, "{found} where {least} is possible");
-            // joints slide along the path only slowly, for little
+            assert!(found <= 1.01 * least, "{found}, but {least} is possible");
+            // joints move along the path only slowly, with little effect
             let saved = (energy(&path.path) - found) / (energy(&path.path) - sliding);
-            assert!(saved > 0.99, "{saved} of what could be saved");
+            assert!(saved > 0.99, "only {saved} of the possible reduction");
         });
     }
 }
