@@ -181,13 +181,14 @@ pub(super) fn goal(
         (_, Some(ahead)) if !past() => Check::not_applicable(NAME, UNIT, &ahead.to_string()),
         (None, _) => check(1.0, None, "missed the goal: the run covers no time step of the scenario".into()),
         (Some((unmet, time)), _) => {
+            let conditions = if unmet.len() == 1 { "condition" } else { "conditions" };
             let (count, names) = (unmet.len(), unmet.join(", "));
             let end = match ahead {
                 Some(_) if past() => "; it drove past the goal".to_owned(),
                 Some(ahead) => format!("; {ahead}"),
                 None => String::new(),
             };
-            let note = format!("missed the goal: {count} unmet at best ({names}), first at {time:.2} s{end}");
+            let note = format!("missed the goal: at best {count} {conditions} unmet ({names}) at {time:.2} s{end}");
             check(count as f64, Some(time), note)
         }
     }

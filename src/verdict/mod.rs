@@ -551,7 +551,7 @@ mod tests {
         assert!(stopped.starts_with("stopped 0.40 m before the planned stop at 12."), "{stopped}");
         assert!(stopped.ends_with("s; limit 0.30 m"), "{stopped}");
         let goal = note(|s| s.goal().yaw = Some(Interval { min: 3.0, max: 3.1 }));
-        assert!(goal.starts_with("missed the goal: 1 unmet at best (heading), first at "), "{goal}");
+        assert!(goal.starts_with("missed the goal: at best 1 condition unmet (heading) at "), "{goal}");
         let unproven = note(|s| s.cycles[70].decision = Decision::Unproven);
         assert_eq!(unproven, "1 of 150 cycles committed to no proven stop, the first at 7.00 s; limit 0");
         let aside = note(|s| {

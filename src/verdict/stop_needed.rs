@@ -329,10 +329,10 @@ mod tests {
         let standing = crate::simulation::Sample { pose: on_arc(0.0), speed: 0.0, ..s.log.samples[0] };
         s.log.samples = vec![standing];
         let ahead = |s: &Story| free_road(&s.scenario, &s.vehicle, &s.log, &s.settings).unwrap();
-        s.scenario.obstacles = vec![crate::fixtures::parked(7, on_arc(0.5), 2.0, 1.8)];
+        s.scenario.obstacles = vec![crate::fixtures::parked(7, on_arc(0.45), 2.0, 1.8)];
         let free = ahead(&s);
-        // arc length 15 m to the obstacle's middle, less half its length and the front overhang of 3.676 m
-        assert!(free.is_in_the_way() && (free.distance - (15.0 - 1.0 - 3.676)).abs() < 0.6, "{free:?}");
+        // arc length 13.5 m to the obstacle's middle, less half its length and the front overhang of 3.676 m
+        assert!(free.is_in_the_way() && (free.distance - (13.5 - 1.0 - 3.676)).abs() < 0.6, "{free:?}");
         s.scenario.obstacles.clear();
         assert_eq!(ahead(&s).end, End::None);
         s.scenario.obstacles = vec![crate::fixtures::parked(7, Pose::new(12.0, -3.2, 0.0), 2.0, 1.8)];
