@@ -1,8 +1,8 @@
-//! Rates of the collision layer: edges of 50 m against a road with a hundred boundary segments and parked cars, and the
-//! blocked grid of 100 m against 30 moving obstacles over 6 s. The answers are asserted before anything is timed.
+//! Speed of the collision layer: edges of 50 m on a road with a hundred boundary segments and parked cars, and the
+//! blocked grid of 100 m with 30 moving obstacles over 6 s. Each bench asserts its results before it measures.
 //!
-//! `edge_rate` (also by `cargo bench --bench collision -- edge_rate`) prints how many candidate edges are solved and
-//! checked in a second on one core.
+//! `edge_rate` (alone: `cargo bench --bench collision -- edge_rate`) prints how many candidate edges one core solves
+//! and checks per second.
 
 #[path = "collision/edge_rate.rs"]
 mod edge_rate;
@@ -25,7 +25,8 @@ fn main() {
     }
 }
 
-/// A winding road of two lanes, 220 m, bound points every 2 m; it runs at 45°, so that boxes around it are poor.
+/// A winding road of two lanes, 220 m long, with bound points every 2 m. It runs at 45°, the worst case for
+/// axis-aligned bounding boxes.
 fn road() -> Vec<Lanelet> {
     let centre: Vec<Pose> = (0..=110)
         .map(|i| {
@@ -45,7 +46,7 @@ fn start() -> Pose {
     Pose::new(1e5, 2e5, 0.785)
 }
 
-/// `moving` cars around the path, at speeds of 0 to 12 m/s in both directions, and a parked one every 40 m beside it.
+/// `moving` cars near the path, at speeds of 0 to 12 m/s in both directions, and a parked car beside it every 40 m.
 fn world(moving: usize) -> CollisionWorld {
     let beside = |s: f64, l: f64, turn: f64| {
         let p = start().advanced(s);
@@ -53,8 +54,8 @@ fn world(moving: usize) -> CollisionWorld {
     };
     let parked = (0..5).map(|i| parked(i, beside(40.0 * i as f64, -4.5, 0.0), 4.5, 1.8));
     let driven = (0..moving as i64).map(|i| {
-        let (way, speed) = ((i * 37 % 140) as f64 - 20.0, (i % 7) as f64 * 2.0);
-        let from = if i % 2 == 0 { beside(way, 0.0, 0.0) } else { beside(way, 4.5, std::f64::consts::PI) };
+        let (station, speed) = ((i * 37 % 140) as f64 - 20.0, (i % 7) as f64 * 2.0);
+        let from = if i % 2 == 0 { beside(station, 0.0, 0.0) } else { beside(station, 4.5, std::f64::consts::PI) };
         driving(100 + i, from, speed, 7.9)
     });
     let scenario = scenario(network(road()), parked.chain(driven).collect());
@@ -88,7 +89,7 @@ fn clearance_50_m(bencher: Bencher) {
     bencher.bench_local(|| world.clearance(black_box(&sweep), 2.0));
 }
 
-/// All cars on the vehicle's own and the neighbouring lane: far more contact than in traffic.
+/// All cars are on the ego lane and the adjacent lane: far more contacts than in traffic.
 #[divan::bench(args = [5, 30])]
 fn blocked_100_m_6_s(bencher: Bencher, moving: usize) {
     let world = world(moving);

@@ -1,8 +1,8 @@
-//! A planning cycle, its stages apart and together: a bent road of three lanes, 100 m of it with 30 cars that move and
-//! one that is parked, and more than a hundred candidate edges. What is timed is asserted first.
+//! A planning cycle and its stages: a winding road of three lanes with 30 moving cars and one parked car on 100 m, and
+//! more than a hundred candidate edges. Each bench asserts its results before it measures.
 //!
-//! `first_cycle` builds the kept edges, `steady_cycle` is one of the later ones of a run in which the vehicle follows its
-//! plan exactly. One thread unless `RAYON_NUM_THREADS` says otherwise.
+//! `first_cycle` builds the stored edges. `steady_cycle` is a later cycle of a run in which the vehicle follows its
+//! plan exactly. `RAYON_NUM_THREADS` sets the number of threads; the default is one.
 
 use divan::{Bencher, black_box};
 use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
@@ -20,7 +20,7 @@ use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, se
 use stopline::vehicle::{Comfort, State, Vehicle};
 
 fn main() {
-    // one thread, so that figures mean the same on every machine
+    // one thread, so that results are comparable between machines
     let threads = std::env::var("RAYON_NUM_THREADS").ok().and_then(|n| n.parse().ok()).unwrap_or(1);
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().expect("the first pool of this process");
     divan::main();
@@ -29,7 +29,7 @@ fn main() {
 /// Lanes from right to left.
 const LANES: [i64; 3] = [1, 2, 3];
 const LANE_WIDTH: f64 = 3.5;
-/// The lane that the vehicle is on.
+/// The ego lane.
 const OWN: i64 = 2;
 const SPEED: f64 = 12.0;
 /// End of the run, s.
@@ -74,13 +74,13 @@ fn network() -> RoadNetwork {
     fixtures::network(LANES.map(lane))
 }
 
-/// 30 cars on the 100 m around and ahead of the vehicle, ten on each lane in a column, 7 to 11 m/s; one parked.
+/// 30 cars around and ahead of the vehicle, a column of ten on each lane, at 7 to 11 m/s; and one parked car.
 fn scenario() -> Scenario {
     let shape = Shape::rectangle(4.5, 1.8);
     let columns = LANES.iter().flat_map(|lane| (0..10).map(move |i| (*lane, i)));
     let driven = columns.map(|(lane, i)| {
         let speed = 9.0 + 2.0 * (lane - OWN) as f64;
-        // on its own lane the vehicle has 25 m of room ahead
+        // the first car on the ego lane is 25 m ahead
         let from = if lane == OWN { 70.0 } else { 20.0 } + 10.0 * f64::from(i) + 3.0 * lane as f64;
         let states = (0..=150).map(|k| {
             let time = 0.1 * f64::from(k);
@@ -104,7 +104,7 @@ fn initial(vehicle: &Vehicle) -> State {
     State { time: 0.0, pose, speed: SPEED, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
-/// What the stages need.
+/// Input of the stages.
 struct Stages {
     scenario: Scenario,
     vehicle: Vehicle,
@@ -141,12 +141,12 @@ impl Stages {
         paths(&self.context(), &self.root(), SPEED, 100.0, &self.settings.lattice, store)
     }
 
-    /// The speed problem on the cheapest path, with plain speed_limits.
+    /// The speed problem on the path of least cost, with a constant speed limit.
     fn speed_problem(&self) -> SpeedProblem {
         let best = self.paths(&mut EdgeStore::default()).remove(0);
         let sweeps: Vec<_> = best.sweeps.iter().map(AsRef::as_ref).collect();
         let grid = self.world.blocked(&sweeps, 0.0, 15.0);
-        assert!(!grid.is_free(), "the way is free: nothing to search");
+        assert!(!grid.is_free(), "the path is free of obstacles");
         let intervals = |cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
         SpeedProblem {
             speed_limits: vec![15.0; grid.cells() + 1],
@@ -171,7 +171,7 @@ fn reference_line_400_m(bencher: Bencher) {
     });
 }
 
-/// All edges are new.
+/// With an empty edge store.
 #[divan::bench]
 fn lattice_first(bencher: Bencher) {
     let stages = Stages::new();
@@ -179,7 +179,7 @@ fn lattice_first(bencher: Bencher) {
     bencher.bench_local(|| stages.paths(&mut EdgeStore::default()));
 }
 
-/// Only the edges from the root are new.
+/// With a filled edge store: only the edges from the root are new.
 #[divan::bench]
 fn lattice_steady(bencher: Bencher) {
     let stages = Stages::new();
@@ -187,14 +187,14 @@ fn lattice_steady(bencher: Bencher) {
     stages.paths(&mut store);
     let (context, mut root) = (stages.context(), stages.root());
     bencher.bench_local(|| {
-        // another root every time: the answer to the same question is kept
+        // a new root each time, because the store caches the result for a root
         root.start = root.start.advanced(1e-4);
         root.pose = root.start;
         paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut store)
     });
 }
 
-/// A chain from two metres beside the line, refined.
+/// Refinement of a chain that starts two metres beside the reference line.
 #[divan::bench]
 fn refinement(bencher: Bencher) {
     let stages = Stages::new();
@@ -208,12 +208,13 @@ fn refinement(bencher: Bencher) {
         refined(&context, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings)
     };
     let long = found.into_iter().filter(|p| p.path.pieces().count() >= 3);
-    let best = long.into_iter().find(|p| refine(p).is_some()).expect("nothing to gain in any chain of three edges");
+    let best =
+        long.into_iter().find(|p| refine(p).is_some()).expect("a chain of three edges that the refinement improves");
     println!("{} edges", best.path.pieces().count());
     bencher.bench_local(|| refine(black_box(&best)));
 }
 
-/// One candidate's blocked grid, asked for the first time.
+/// The blocked grid of one candidate, computed for the first time.
 #[divan::bench]
 fn blocked_grid(bencher: Bencher) {
     let stages = Stages::new();
@@ -223,7 +224,7 @@ fn blocked_grid(bencher: Bencher) {
         .bench_local_refs(|sweep| stages.world.blocked(black_box(&[sweep]), 0.0, 15.0));
 }
 
-/// The same, asked for again: sweeps keep what blocks them.
+/// The blocked grid of one candidate from the cache of its sweeps.
 #[divan::bench]
 fn blocked_grid_kept(bencher: Bencher) {
     let stages = Stages::new();
@@ -232,7 +233,7 @@ fn blocked_grid_kept(bencher: Bencher) {
     bencher.bench_local(|| stages.world.blocked(black_box(&sweeps), 0.0, 15.0));
 }
 
-/// One candidate's speed search.
+/// The speed search of one candidate.
 #[divan::bench]
 fn speed_search(bencher: Bencher) {
     let problem = Stages::new().speed_problem();
@@ -242,19 +243,18 @@ fn speed_search(bencher: Bencher) {
     bencher.bench_local(found);
 }
 
-/// Of the chosen candidate.
+/// Smoothing and proof of the selected candidate.
 #[divan::bench]
 fn smoothing_and_proof(bencher: Bencher) {
     let problem = Stages::new().speed_problem();
     let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven().expect("a plan");
-    let searched = smoothing::unsmoothed(&problem, &found).unwrap();
+    let raw = smoothing::raw_profile(&problem, &found).unwrap();
     let settings = smoothing::Settings::default();
-    bencher.bench_local(|| {
-        smoothing::smooth_and_prove(black_box(&problem), &problem.speed_limits, &searched, 0.0, &settings)
-    });
+    bencher
+        .bench_local(|| smoothing::smooth_and_prove(black_box(&problem), &problem.speed_limits, &raw, 0.0, &settings));
 }
 
-/// Scenario and routes are there; collision worlds and reference lines are built before the clock starts.
+/// The first cycle of a run. The setup (scenario, routes, collision worlds, reference lines) is not timed.
 #[divan::bench(sample_size = 1)]
 fn first_cycle(bencher: Bencher) {
     let stages = Stages::new();
@@ -265,7 +265,7 @@ fn first_cycle(bencher: Bencher) {
         .bench_local_refs(|planner| planner.cycle(&state));
 }
 
-/// Cycles of a run, each beginning where the plan before says the vehicle is.
+/// Later cycles of a run. Each starts from the state that the previous plan prescribes.
 #[divan::bench(sample_size = 1, sample_count = 30)]
 fn steady_cycle(bencher: Bencher) {
     let stages = Stages::new();
@@ -280,7 +280,7 @@ fn steady_cycle(bencher: Bencher) {
     });
 }
 
-/// Where the vehicle is when it has followed the plan for `interval` seconds.
+/// The state after the vehicle has followed the plan exactly for `interval` seconds.
 fn after(cycle: &Cycle, interval: f64, vehicle: &Vehicle) -> State {
     let time = cycle.time + interval;
     let point = cycle.committed.at(time);

@@ -1,6 +1,5 @@
-//! How many seconds of driving the rig simulates in a second. It says the ratio to real time first, and then the
-//! distribution of the time that one second of driving takes: 10 ms is 100 × real time. Each bench checks first that the run
-//! it times is the one it means.
+//! Speed of the vehicle simulation. Prints the ratio to real time, then the distribution of the time for one second of
+//! driving: 10 ms is 100 × real time. Each bench asserts that the run is complete before it measures.
 
 use divan::Bencher;
 use stopline::fixtures::driving;
@@ -21,17 +20,17 @@ fn main() {
 /// Numbers of moving obstacles.
 const OBSTACLES: [usize; 3] = [0, 30, 100];
 
-/// Simulated time over the time it takes, of the fastest of some runs: the others were disturbed.
+/// Simulated time divided by computing time, for the fastest of several runs: other processes only prolong a run.
 fn ratio(obstacles: usize) -> f64 {
     /// Length of a run, s.
     const DURATION: f64 = 1.0;
     let (world, trajectory) = scene(obstacles);
     let run = || {
         let (mut world, mut log) = (world.clone(), Log::default());
-        let began = std::time::Instant::now();
+        let start = std::time::Instant::now();
         world.follow(&trajectory, DURATION, &mut log);
-        assert!(log.contact.is_none(), "the run is cut short");
-        began.elapsed().as_secs_f64()
+        assert!(log.contact.is_none(), "the run is incomplete");
+        start.elapsed().as_secs_f64()
     };
     DURATION / (0..30).map(|_| run()).fold(f64::INFINITY, f64::min)
 }
@@ -47,7 +46,7 @@ fn traffic(count: usize) -> Vec<Obstacle> {
         .collect()
 }
 
-/// A vehicle among obstacles, and what it follows.
+/// A vehicle among obstacles, and its reference trajectory.
 fn scene(obstacles: usize) -> (World, Trajectory) {
     let vehicle = vehicle::load("bmw_320i").expect("a built-in vehicle");
     let spiral = CubicSpiral { knots: [0.0, 0.002, -0.002, 0.0], length: 100.0 };
@@ -64,7 +63,7 @@ fn scene(obstacles: usize) -> (World, Trajectory) {
         yaw_rate: 0.0,
         steering: 0.0,
     };
-    let world = World::new(&vehicle, &traffic(obstacles), &initial, &Settings::default()).expect("a sound world");
+    let world = World::new(&vehicle, &traffic(obstacles), &initial, &Settings::default()).expect("a valid world");
     (world, trajectory)
 }
 
@@ -73,7 +72,7 @@ fn a_second_of_driving(bencher: Bencher<'_, '_>, obstacles: usize) {
     let (world, trajectory) = scene(obstacles);
     let mut log = Log::default();
     world.clone().follow(&trajectory, 1.0, &mut log);
-    assert!(log.contact.is_none() && log.samples.len() == 101, "the run is cut short");
+    assert!(log.contact.is_none() && log.samples.len() == 101, "the run is incomplete");
     bencher.with_inputs(|| (world.clone(), Log::default())).bench_local_values(|(mut world, mut log)| {
         world.follow(&trajectory, 1.0, &mut log);
         log

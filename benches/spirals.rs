@@ -1,8 +1,8 @@
-//! Spirals between random lattice ends: 10…40 m ahead, ±8 m across, ±0.5 rad, end curvatures ±0.1.
+//! Spirals between random lattice ends: 10…40 m longitudinally, ±8 m laterally, ±0.5 rad, end curvatures ±0.1 1/m.
 //!
-//! First a table per spiral, timed by hand: each problem is solved five times and counts with its fastest, so that
-//! another process on the machine does not show; medians and 99th percentiles are over the problems. Then divan's
-//! benches, whose figures are per whole set of problems.
+//! First prints a table of times per spiral. Each problem is solved five times and the shortest time counts, because
+//! other processes only prolong a run; medians and 99th percentiles are over the problems. Then runs divan's benches,
+//! whose times are per set of problems.
 
 use std::time::{Duration, Instant};
 
@@ -13,9 +13,9 @@ use stopline::geometry::boundary::{EndCondition, Problem, Solution};
 use stopline::geometry::spiral::{CubicSpiral, connect};
 use stopline::geometry::spiral_opt::connect_bounded;
 
-/// A bound that bites in about a sixth of the problems, 1/m.
+/// A curvature bound that is active in about a sixth of the problems, 1/m.
 const BOUND: f64 = 0.12;
-/// A bound of the curvature's rate that bites often, 1/m².
+/// A bound of the curvature rate that is often active, 1/m².
 const RATE: f64 = 0.03;
 
 fn main() {
@@ -33,25 +33,25 @@ fn problems() -> Vec<Ends> {
     problems.into_iter().map(|p| (p.start_curvature, p.end, p.end_curvature)).collect()
 }
 
-/// Those in which the bound bites.
-fn bitten() -> Vec<Ends> {
-    let mut bitten = problems();
-    bitten.retain(|(start, end, curvature)| {
+/// The problems with an active curvature bound.
+fn with_active_bound() -> Vec<Ends> {
+    let mut problems = problems();
+    problems.retain(|(start, end, curvature)| {
         connect(*start, end, *curvature).is_ok_and(|spiral| spiral.max_abs_curvature() > BOUND)
     });
-    bitten
+    problems
 }
 
-/// Those in which the bound of the rate bites.
-fn rate_bitten() -> Vec<Ends> {
-    let mut bitten = problems();
-    bitten.retain(|(start, end, curvature)| {
+/// The problems with an active bound of the curvature rate.
+fn with_active_rate() -> Vec<Ends> {
+    let mut problems = problems();
+    problems.retain(|(start, end, curvature)| {
         connect(*start, end, *curvature).is_ok_and(|spiral| spiral.max_abs_curvature_rate() > RATE)
     });
-    bitten
+    problems
 }
 
-/// What a row of the table needs to know of a solve.
+/// Metrics of a solve.
 struct Outcome {
     solved: bool,
     residual: f64,
@@ -71,7 +71,7 @@ fn table() {
     println!("times per spiral in µs");
     println!(
         "{:<46}{:>6}{:>8}{:>9}{:>9}{:>9}{:>11}{:>7}{:>10}",
-        "problem", "count", "solved", "median", "p99", "most", "residual m", "steps", "programs"
+        "problem", "count", "solved", "median", "p99", "max", "residual m", "steps", "programs"
     );
     let all = problems();
     row("cubic pinned: Newton", &all, |(start, end, curvature)| {
@@ -83,18 +83,18 @@ fn table() {
     let soft = |ends: &Ends, weight| Problem { lateral: EndCondition::Soft { weight }, ..pinned(ends) };
     for (how, always_convex) in [("reduced Newton", false), ("Clarabel", true)] {
         let with = |problem: Problem| Problem { always_convex, ..problem };
-        row(&format!("cubic, soft across, no bound: {how}"), &all, |e| with(soft(e, 0.01)).cubic().into());
+        row(&format!("cubic, soft lateral, no bound: {how}"), &all, |e| with(soft(e, 0.01)).cubic().into());
         row(&format!("quintic pinned, no bound: {how}"), &all, |e| with(pinned(e)).quintic().into());
     }
-    let bitten = bitten();
+    let active = with_active_bound();
     let bounded = |problem: Problem| Problem { max_curvature: BOUND, ..problem };
-    row("cubic, bound bites, soft across: cones", &bitten, |e| bounded(soft(e, 100.0)).cubic().into());
-    row("quintic, bound bites, soft across: cuts", &bitten, |e| bounded(soft(e, 100.0)).quintic().into());
-    row("quintic, bound bites, pinned: cuts", &bitten, |e| bounded(pinned(e)).quintic().into());
-    let steep = rate_bitten();
-    let slow = |problem: Problem| Problem { max_curvature_rate: RATE, ..problem };
-    row("cubic, rate bites, soft across: cones", &steep, |e| slow(soft(e, 100.0)).cubic().into());
-    row("quintic, rate bites, soft across: cuts", &steep, |e| slow(soft(e, 100.0)).quintic().into());
+    row("cubic, active bound, soft lateral: cones", &active, |e| bounded(soft(e, 100.0)).cubic().into());
+    row("quintic, active bound, soft lateral: cuts", &active, |e| bounded(soft(e, 100.0)).quintic().into());
+    row("quintic, active bound, pinned: cuts", &active, |e| bounded(pinned(e)).quintic().into());
+    let steep = with_active_rate();
+    let rate_bounded = |problem: Problem| Problem { max_curvature_rate: RATE, ..problem };
+    row("cubic, active rate bound, soft lateral: cones", &steep, |e| rate_bounded(soft(e, 100.0)).cubic().into());
+    row("quintic, active rate bound, soft lateral: cuts", &steep, |e| rate_bounded(soft(e, 100.0)).quintic().into());
     row("cubic, target behind", &all, |(start, end, curvature)| {
         let behind = Pose::new(-end.position.x, end.position.y, end.yaw);
         bounded(Problem::pinned(*start, behind, *curvature)).cubic().into()
@@ -142,7 +142,7 @@ fn spirals() -> Vec<CubicSpiral> {
     problems().iter().filter_map(|(start, end, curvature)| connect(*start, end, *curvature).ok()).collect()
 }
 
-/// Newton's method alone.
+/// Pinned cubic spirals by Newton's method.
 #[divan::bench]
 fn newton_2000(bencher: Bencher) {
     let problems = problems();
@@ -153,18 +153,18 @@ fn newton_2000(bencher: Bencher) {
     });
 }
 
-/// What the lattice calls, on the problems in which the bound bites: divide by their number, 321.
+/// The lattice's call on the 321 problems with an active bound.
 #[divan::bench]
-fn bounded_where_the_bound_bites(bencher: Bencher) {
-    let bitten = bitten();
+fn active_bound_321(bencher: Bencher) {
+    let active = with_active_bound();
     bencher.bench_local(|| {
-        for (start, end, curvature) in &bitten {
+        for (start, end, curvature) in &active {
             let _ = black_box(connect_bounded(*start, end, *curvature, BOUND));
         }
     });
 }
 
-/// The sweep that collision checks use: a sample every half metre.
+/// Sampling every half metre, as in collision checks.
 #[divan::bench]
 fn sweep_2000(bencher: Bencher) {
     let spirals = spirals();
@@ -180,7 +180,7 @@ fn sweep_2000(bencher: Bencher) {
     });
 }
 
-/// Projecting a point two metres beside the middle.
+/// Projection of a point two metres beside the middle of the spiral.
 #[divan::bench]
 fn nearest_2000(bencher: Bencher) {
     let spirals = spirals();

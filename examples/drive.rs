@@ -1,4 +1,4 @@
-//! stopline as a library: reads a scenario, drives it, prints the verdict.
+//! stopline as a library: read a scenario, drive it, print the verdict.
 //!
 //! `cargo run --release --example drive -- maps/parked_car.xml`
 
@@ -16,15 +16,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut settings = Settings::default();
     settings.planner.cruise_speed = 10.0;
 
-    let problem = &scenario.problems[0]; // the reader makes sure that there is one
+    let problem = &scenario.problems[0]; // the reader guarantees one problem
     let run = drive(&scenario, problem, &vehicle, &settings, &mut |_time, _latest_end| {})?;
 
     println!("{}: {}", scenario.id, run.outcome.name());
     for check in &run.verdict.checks {
-        let held = check.status;
-        println!("  {held} {:<20} {:.3} of {:.3} {}", check.name, check.value, check.limit, check.unit);
+        println!("  {:<4} {:<20} {}", check.status, check.name, check.note);
     }
     let stop = run.cycles.iter().map(|c| c.committed.end_time()).next_back().unwrap_or_default();
-    println!("  the last committed trajectory is at rest at {stop:.1} s");
+    println!("  the last committed trajectory stops at {stop:.1} s");
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Writes the pictures of `docs/geometry.md` to a folder. Run it in the folder that contains `maps/`.
+//! Writes the pictures of `docs/geometry.md` into a folder. Run it in the folder that contains `maps/`.
 //!
 //! `cargo run --release --example geometry_page -- docs/geometry`
 

@@ -1,7 +1,7 @@
-//! Small worlds to test against: lines, roads, obstacles, a car, problems, plans and their records.
+//! Small test fixtures: lines, roads, obstacles, a car, problems, plans and their records.
 //!
-//! For the tests and benches of this crate and of crates that build on it. Every function makes a complete, sound value
-//! from the few arguments that a test is about; a test that depends on another field sets it by struct update:
+//! For the tests and benches of this crate and of crates that build on it. Every function builds a complete, valid
+//! value from the few arguments relevant to a test; a test that depends on another field sets it by struct update:
 //!
 //! ```
 //! use stopline::fixtures::{network, parked, scenario, straight_lanelet};
@@ -14,9 +14,9 @@
 //! assert!(blocked.network.lanelets[&1].contains(blocked.obstacles[0].pose_at(0.0).unwrap().position));
 //! ```
 //!
-//! Figures stand here and are not read from `vehicles/`, so that a test means the same when a vehicle's file changes. What
-//! has no meaning (a line of one point) panics: these are not readers. Values are made, never planned with: the code that
-//! judges a run may be tested on the same worlds as the code that plans it and still share nothing with it.
+//! The values are constants and are not read from `vehicles/`, so that a test keeps its meaning when a vehicle file
+//! changes. Invalid arguments (a line of one point) panic: these functions are not readers. They build values and never
+//! plan, so that verdict and planner can be tested on the same worlds and still share no code.
 
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::CubicSpiral;
@@ -35,17 +35,17 @@ const TIME_STEP: f64 = 0.1;
 /// A line through points (m).
 ///
 /// # Panics
-/// Fewer than two points that differ.
+/// If fewer than two points differ.
 #[must_use]
 pub fn line(points: &[(f64, f64)]) -> Polyline {
     Polyline::new(points.iter().map(|&(x, y)| Point::new(x, y))).expect("two points that differ")
 }
 
-/// A lanelet between two bounds, in driving direction, with nothing before, behind or beside it and no rules on it. Its
-/// centre is the middle between the bounds, as the scenario reader has it.
+/// A lanelet between two bounds, in driving direction, without neighbours, predecessors, successors and rules. Its
+/// centre line is the middle between the bounds, as in the scenario reader.
 ///
 /// # Panics
-/// Bounds that are each other's reverse, so that their middle is a point.
+/// If the bounds are each other's reverse, so that their middle is a point.
 #[must_use]
 pub fn lanelet(id: LaneletId, right: Polyline, left: Polyline) -> Lanelet {
     let centre = Lanelet::centre_line(left.points(), right.points(), &left, &right).expect("a middle with a length");
@@ -69,7 +69,7 @@ pub fn lanelet(id: LaneletId, right: Polyline, left: Polyline) -> Lanelet {
 /// A lanelet along x, from `x.0` to `x.1`, between two lateral positions (m).
 ///
 /// # Panics
-/// No length.
+/// If the length is zero.
 #[must_use]
 pub fn straight_lanelet(id: LaneletId, x: (f64, f64), right: f64, left: f64) -> Lanelet {
     let bound = |y: f64| line(&[(x.0, y), (x.1, y)]);
@@ -85,16 +85,16 @@ pub fn network(lanelets: impl IntoIterator<Item = Lanelet>) -> RoadNetwork {
 /// One lane along x from the origin, its middle on y = 0, as lanelet 1. Width and length in m.
 ///
 /// # Panics
-/// No length.
+/// If the length is zero.
 #[must_use]
 pub fn road(width: f64, length: f64) -> RoadNetwork {
     network([straight_lanelet(1, (0.0, length), -0.5 * width, 0.5 * width)])
 }
 
-/// Lets one lanelet of a network lead into another.
+/// Makes one lanelet of a network the successor of another.
 ///
 /// # Panics
-/// A lanelet that is not there.
+/// If a lanelet does not exist.
 pub fn follow(network: &mut RoadNetwork, from: LaneletId, to: LaneletId) {
     let missing = "a lanelet of the network";
     network.lanelets.get_mut(&from).expect(missing).successors.push(to);
@@ -121,7 +121,7 @@ pub fn two_lane_road(count: i64) -> RoadNetwork {
     lanes
 }
 
-/// A scenario of a road and obstacles; no planning problem, no grid, 0.1 s a time step.
+/// A scenario of a road and obstacles, with time steps of 0.1 s; no planning problem, no grid.
 #[must_use]
 pub fn scenario(network: RoadNetwork, obstacles: Vec<Obstacle>) -> Scenario {
     Scenario {
@@ -136,20 +136,20 @@ pub fn scenario(network: RoadNetwork, obstacles: Vec<Obstacle>) -> Scenario {
     }
 }
 
-/// An obstacle of no known kind.
+/// An obstacle of unknown kind.
 #[must_use]
 pub fn obstacle(id: i64, shape: Shape, motion: Motion) -> Obstacle {
     Obstacle { id, kind: ObstacleKind::Unknown, shape, motion }
 }
 
-/// A parked vehicle: a rectangle (m) with its middle at a pose, its length along the heading.
+/// A parked vehicle: a rectangle (m) centred at a pose, its length along the heading.
 #[must_use]
 pub fn parked(id: i64, pose: Pose, length: f64, width: f64) -> Obstacle {
     let (shape, motion) = (Shape::rectangle(length, width), Motion::Static(pose));
     Obstacle { kind: ObstacleKind::ParkedVehicle, ..obstacle(id, shape, motion) }
 }
 
-/// A car of 4.5 m × 1.8 m that drives straight on at one speed (m/s) from a pose at time 0, for a duration (s).
+/// A car of 4.5 m × 1.8 m that drives straight at a constant speed (m/s) from a pose at time 0, for a duration (s).
 #[must_use]
 pub fn driving(id: i64, from: Pose, speed: f64, duration: f64) -> Obstacle {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // saturating
@@ -190,19 +190,19 @@ pub fn problem(centre: Pose, speed: f64, goal: Goal) -> PlanningProblem {
 /// A straight path from a rear-axle pose. Length in m.
 ///
 /// # Panics
-/// No length.
+/// If the length is zero.
 #[must_use]
 pub fn straight(start: Pose, length: f64) -> Path {
     Path::new(start, &[CubicSpiral::straight(length)]).expect("a positive length")
 }
 
-/// A knot from which the acceleration stays: s, m, m/s, m/s².
+/// A knot with constant acceleration: s, m, m/s, m/s².
 #[must_use]
 pub fn knot(time: f64, station: f64, speed: f64, acceleration: f64) -> SpeedKnot {
     SpeedKnot { time, station, speed, acceleration, jerk: 0.0 }
 }
 
-/// The record of a planning cycle that committed to a newly proven plan, and nothing else of it.
+/// The record of a planning cycle that committed a newly proven plan; all other fields are empty.
 #[must_use]
 pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
     Cycle {
@@ -222,7 +222,7 @@ pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
     }
 }
 
-/// A mid-size car: the published dimensions of the BMW 320i, rounded, and round figures for the rest.
+/// A mid-size car: the published dimensions of the BMW 320i, rounded, and round values for the other parameters.
 #[must_use]
 pub fn vehicle() -> Vehicle {
     const TO_CENTRE: f64 = 1.4227;
@@ -276,7 +276,7 @@ pub fn vehicle() -> Vehicle {
     }
 }
 
-/// The same car with another footprint: its sizes are those of the footprint.
+/// The same car with another footprint, which determines its dimensions.
 #[must_use]
 pub fn vehicle_with(footprint: Footprint) -> Vehicle {
     Vehicle {
@@ -293,7 +293,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lanelet_has_the_middle_that_the_reader_gives_it() {
+    fn the_centre_line_is_that_of_the_reader() {
         let lane = straight_lanelet(3, (-20.0, 80.0), -1.0, 2.5);
         assert_eq!(lane.centre, line(&[(-20.0, 0.75), (80.0, 0.75)]));
         assert!(lane.contains(Point::new(0.0, 2.4)) && !lane.contains(Point::new(0.0, -1.1)));
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn a_road_of_two_lanes_hangs_together() {
+    fn a_two_lane_road_is_connected() {
         let lanes = two_lane_road(3).lanelets;
         assert_eq!(lanes.keys().copied().collect::<Vec<_>>(), [100, 101, 102, 200, 201, 202]);
         assert_eq!((&lanes[&101].predecessors[..], &lanes[&101].successors[..]), (&[100][..], &[102][..]));
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driving_car_is_where_its_speed_takes_it_and_gone_afterwards() {
+    fn a_driving_car_moves_with_its_speed_for_its_duration() {
         let car = driving(5, Pose::new(10.0, 2.0, std::f64::consts::FRAC_PI_2), 4.0, 2.0);
         let there = car.state_at(1.5).unwrap();
         assert!((there.pose.position - Point::new(10.0, 8.0)).norm() < 1e-12 && there.speed == 4.0);
@@ -321,18 +321,18 @@ mod tests {
     }
 
     #[test]
-    fn the_car_is_one_that_a_vehicle_file_could_describe() {
-        let (made, read) = (vehicle(), crate::vehicle::load("bmw_320i").unwrap());
-        for (of, a, b) in [
-            ("length", made.length, read.length),
-            ("width", made.width, read.width),
-            ("wheelbase", made.wheelbase, read.wheelbase),
-            ("mass", made.mass, read.mass),
-            ("yaw inertia", made.yaw_inertia, read.yaw_inertia),
-            ("centre", made.rear_axle_to_centre, read.rear_axle_to_centre),
-            ("steering", made.limits.steering, read.limits.steering),
+    fn the_car_matches_its_vehicle_file() {
+        let (fixture, file) = (vehicle(), crate::vehicle::load("bmw_320i").unwrap());
+        for (what, a, b) in [
+            ("length", fixture.length, file.length),
+            ("width", fixture.width, file.width),
+            ("wheelbase", fixture.wheelbase, file.wheelbase),
+            ("mass", fixture.mass, file.mass),
+            ("yaw inertia", fixture.yaw_inertia, file.yaw_inertia),
+            ("centre", fixture.rear_axle_to_centre, file.rear_axle_to_centre),
+            ("steering", fixture.limits.steering, file.limits.steering),
         ] {
-            assert!((a / b - 1.0).abs() < 1e-3, "{of}: {a} {b}");
+            assert!((a / b - 1.0).abs() < 1e-3, "{what}: {a} {b}");
         }
         let small = vehicle_with(Footprint::rectangle(0.6, 0.3, 0.2));
         assert_eq!((small.length, small.width, small.rear_axle_to_centre), (0.6, 0.3, 0.2));

@@ -1,11 +1,15 @@
-//! A trajectory: a path composed with a timing. Two objects and no third copy: `q(t) = path(profile(t))`
-//! (the form of Drake's `PathParameterizedTrajectory`).
+//! Paths, speed profiles and their composition.
+//!
+//! A [`Trajectory`] composes a [`Path`] (pose over station) with a [`SpeedProfile`] (station over time):
+//! `q(t) = path(profile(t))`, like Drake's `PathParameterizedTrajectory`. It stores no samples of its own.
+//!
+//! Poses are those of the rear-axle centre in the map frame. Stations are arc lengths along the path, m.
 
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
 
-/// A chain of spirals, each starting where the one before ends. Stations run from 0 at the first start, metres.
-/// The path is the one of the rear axle.
+/// A path of the rear-axle centre: a chain of cubic spirals, each starting at the end of the previous one. Stations
+/// start at 0, m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
     pieces: Vec<Piece>,
@@ -20,7 +24,7 @@ struct Piece {
 }
 
 impl Path {
-    /// Chains spirals from a start pose. `None` without any spiral.
+    /// A path from a start pose through a chain of spirals. `None` for an empty chain.
     #[must_use]
     pub fn new(start: Pose, spirals: &[CubicSpiral]) -> Option<Self> {
         let mut pieces = Vec::with_capacity(spirals.len());
@@ -39,7 +43,7 @@ impl Path {
         self.length
     }
 
-    /// Pose and curvature at a station; beyond the ends, clamped to them.
+    /// Pose and curvature at a station (m), clamped to the ends of the path.
     #[must_use]
     pub fn at(&self, station: f64) -> PathPoint {
         let station = station.clamp(0.0, self.length);
@@ -48,18 +52,18 @@ impl Path {
         piece.spiral.point_at(&piece.start, (station - piece.station).min(piece.spiral.length))
     }
 
-    /// Curvature (1/m) and its derivative by arc length (1/m²) at a station, without the pose, which takes an integral;
-    /// beyond the ends, clamped to them.
+    /// Curvature (1/m) and its derivative with respect to arc length (1/m²) at a station (m), clamped to the ends of
+    /// the path. Cheaper than [`Self::at`], which integrates the heading.
     #[must_use]
     pub fn curvature_and_rate_at(&self, station: f64) -> (f64, f64) {
         let station = station.clamp(0.0, self.length);
         let i = self.pieces.partition_point(|p| p.station <= station).max(1) - 1;
         let (piece, spiral) = (&self.pieces[i], &self.pieces[i].spiral);
-        let along = (station - piece.station).min(spiral.length);
-        (spiral.curvature(along), spiral.curvature_rate(along))
+        let s = (station - piece.station).min(spiral.length);
+        (spiral.curvature(s), spiral.curvature_rate(s))
     }
 
-    /// Points every `spacing` metres at most, both ends included, with their stations.
+    /// Equally spaced points with their stations (m), at most `spacing` (m) apart, including both ends.
     #[must_use]
     pub fn sampled(&self, spacing: f64) -> Vec<(f64, PathPoint)> {
         let steps = (self.length / spacing).ceil().max(1.0);
@@ -72,14 +76,13 @@ impl Path {
             .collect()
     }
 
-    /// The spirals with their start poses and stations.
+    /// The spirals with their start stations (m) and start poses.
     pub fn pieces(&self) -> impl Iterator<Item = (f64, &Pose, &CubicSpiral)> {
         self.pieces.iter().map(|p| (p.station, &p.start, &p.spiral))
     }
 }
 
-/// Station, speed and acceleration over time; jerk is constant between knots. The last knot is the end of what is
-/// planned; a complete plan ends at rest and stays there.
+/// Station, speed and acceleration over time, with constant jerk between knots. A complete plan ends at standstill.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpeedProfile {
     knots: Vec<SpeedKnot>,
@@ -92,16 +95,16 @@ pub struct SpeedKnot {
     pub time: f64,
     /// Station on the path, m.
     pub station: f64,
-    /// Speed, m/s, never negative.
+    /// Speed, m/s; non-negative.
     pub speed: f64,
-    /// Acceleration just after the knot, m/s².
+    /// Acceleration immediately after the knot, m/s².
     pub acceleration: f64,
-    /// Jerk from this knot to the next, m/s³; 0 where the acceleration is constant.
+    /// Jerk from this knot to the next, m/s³.
     pub jerk: f64,
 }
 
 impl SpeedKnot {
-    /// The state `t` seconds later, under the knot's own jerk.
+    /// The state after a time `t` (s) with the jerk of this knot. The speed is clamped at 0.
     #[must_use]
     pub fn after(&self, t: f64) -> Self {
         Self {
@@ -115,7 +118,7 @@ impl SpeedKnot {
 }
 
 impl SpeedProfile {
-    /// A profile from its knots, in order of time, at least one.
+    /// A profile from its knots. `None` unless there is at least one knot and the times increase.
     #[must_use]
     pub fn new(knots: Vec<SpeedKnot>) -> Option<Self> {
         let ordered = knots.windows(2).all(|w| w[0].time < w[1].time);
@@ -128,7 +131,7 @@ impl SpeedProfile {
         &self.knots
     }
 
-    /// Duration up to the last knot, s.
+    /// Duration from the first to the last knot, s.
     #[must_use]
     pub fn duration(&self) -> f64 {
         self.knots[self.knots.len() - 1].time - self.knots[0].time
@@ -140,8 +143,8 @@ impl SpeedProfile {
         &self.knots[self.knots.len() - 1]
     }
 
-    /// State at `time`. After the last knot the vehicle stays at its station with its speed (0 for a complete plan);
-    /// before the first one, the first knot.
+    /// State at a time (s). Before the first knot, the first knot. After the last knot, station and speed of the last
+    /// knot without acceleration; the speed of a complete plan is 0.
     #[must_use]
     pub fn at(&self, time: f64) -> SpeedKnot {
         let after = self.knots.partition_point(|k| k.time <= time);
@@ -155,34 +158,34 @@ impl SpeedProfile {
         k.after(time - k.time)
     }
 
-    /// Whether it ends at rest.
+    /// Whether the profile ends at standstill.
     #[must_use]
     pub fn ends_at_standstill(&self) -> bool {
         self.last().speed == 0.0
     }
 }
 
-/// A path with its timing, starting at a time of the run.
+/// A path with a speed profile and a start time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {
     /// Time of the run at which the profile starts, s.
     pub start_time: f64,
-    /// Where.
+    /// Pose over station.
     pub path: Path,
-    /// When.
+    /// Station over time since `start_time`.
     pub profile: SpeedProfile,
 }
 
-/// What is wanted at a moment.
+/// The reference state of a trajectory at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrajectoryPoint {
     /// Time of the run, s.
     pub time: f64,
-    /// Rear-axle pose.
+    /// Pose of the rear-axle centre.
     pub pose: Pose,
     /// Curvature of the rear axle's path, 1/m.
     pub curvature: f64,
-    /// Derivative of the curvature by arc length, 1/m².
+    /// Derivative of the curvature with respect to arc length, 1/m².
     pub curvature_rate: f64,
     /// Station on the path, m.
     pub station: f64,
@@ -195,7 +198,7 @@ pub struct TrajectoryPoint {
 }
 
 impl Trajectory {
-    /// What is wanted at a time of the run.
+    /// The reference state at a time of the run (s).
     #[must_use]
     pub fn at(&self, time: f64) -> TrajectoryPoint {
         let k = self.profile.at(time - self.start_time);

@@ -1,4 +1,4 @@
-//! `stopline bench` as a user meets it, and the page of pictures that it is measured beside.
+//! `stopline bench` from the command line, and the pictures of `docs/geometry.md`.
 
 use std::path::Path;
 use std::process::Output;
@@ -21,7 +21,7 @@ fn text(bytes: &[u8]) -> &str {
 const SMALL: [&str; 6] = ["bench", "safetlp", "--every", "13", "--length", "20"];
 
 #[test]
-fn the_papers_experiment_is_written_in_every_form_and_says_the_same() {
+fn writes_the_papers_experiment_in_every_format_with_equal_hashes() {
     let folder = tempfile::tempdir().unwrap();
     let with = |more: &[&str]| run(folder.path(), &[&SMALL, more].concat());
     let printed = with(&["--csv", "a.csv", "--svg", "a.svg", "--json", "a.json"]);
@@ -30,36 +30,36 @@ fn the_papers_experiment_is_written_in_every_form_and_says_the_same() {
     let value: Value = serde_json::from_str(&read("a.json")).unwrap();
     assert_eq!((&value["instances"], &value["verdict"]), (&8.into(), &"pass".into()));
     assert!(text(&printed.stdout).contains(value["hash"].as_str().unwrap()));
-    // a row for each of six methods and eight instances
+    // one row for each of six methods and eight instances
     let (csv, svg) = (read("a.csv"), read("a.svg"));
     assert_eq!(csv.lines().count(), 1 + 6 * 8);
     assert!(csv.lines().all(|line| line.split(',').count() == 15), "{csv}");
     for panel in ["expansions", "times", "speeds"] {
         assert!(svg.contains(&format!("id=\"{panel}\"")), "{panel}");
     }
-    // nothing but times may differ between two runs, whatever the number of threads
+    // only times may differ between two runs
     let again = with(&["--json", "-", "--quiet"]);
     let again: Value = serde_json::from_slice(&again.stdout).unwrap();
     assert_eq!(again["hash"], value["hash"]);
 }
 
 #[test]
-fn bounds_of_memory_and_time_end_the_experiment_with_a_line_and_exit_1() {
+fn reports_exhausted_budgets_with_exit_1() {
     let folder = tempfile::tempdir().unwrap();
     let road = ["bench", "safetlp", "--every", "13", "--length", "60"];
     for (bound, line) in [
-        (["--memory", "1"], "ended at the memory bound of 1 MiB"),
-        (["--time-limit", "0"], "plan-to-stop: 8 of 8 searches were left out: the time limit of 0 s was over"),
+        (["--memory", "1"], "exhausted the memory budget of 1 MiB"),
+        (["--time-limit", "0"], "plan-to-stop: 8 of 8 searches omitted after the time limit of 0 s"),
     ] {
         let output = run(folder.path(), &[&road[..], &bound].concat());
-        let said = text(&output.stdout);
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains(line), "{said}");
+        let report = text(&output.stdout);
+        assert_eq!(output.status.code(), Some(1), "{report}");
+        assert!(report.contains(line), "{report}");
     }
 }
 
 #[test]
-fn a_road_that_the_steps_do_not_cut_is_exit_2() {
+fn rejects_an_invalid_road_with_exit_2() {
     let folder = tempfile::tempdir().unwrap();
     for (option, value, word) in [
         ("--step", "0", "step"),
@@ -75,19 +75,19 @@ fn a_road_that_the_steps_do_not_cut_is_exit_2() {
     ] {
         let arguments = ["bench", "safetlp", option, value];
         let output = run(folder.path(), &arguments[..if value.is_empty() { 3 } else { 4 }]);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{option} {value}: {said}");
-        assert!(said.contains(word) && output.stdout.is_empty(), "{option} {value}: {said}");
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{option} {value}: {error}");
+        assert!(error.contains(word) && output.stdout.is_empty(), "{option} {value}: {error}");
     }
 }
 
-/// The table in `docs/` is what the program finds, as far as it finds it quickly.
+/// Compares the table in `docs/` with a new run of the quick methods.
 #[test]
-fn the_table_of_the_papers_experiment_in_the_docs_is_up_to_date() {
-    let kept = include_str!("../docs/speed/experiment.csv");
+fn experiment_csv_in_the_docs_is_up_to_date() {
+    let documented = include_str!("../docs/speed/experiment.csv");
     let of = |table: &str, method: &str| -> Vec<String> {
         let rows = table.lines().filter(|line| line.starts_with(&format!("{method},")));
-        // all columns but the clock's
+        // all columns but the time
         rows.filter_map(|line| line.rsplit_once(',').map(|(row, _)| row.to_owned())).collect()
     };
     let folder = tempfile::tempdir().unwrap();
@@ -95,10 +95,10 @@ fn the_table_of_the_papers_experiment_in_the_docs_is_up_to_date() {
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     let fresh = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
     for method in ["naive", "safetlp", "safetlp_planner", "safe_rts"] {
-        assert_eq!(of(kept, method).len(), 104);
-        assert_eq!(of(kept, method), of(&fresh, method), "{method}: see docs/speed.md for the command");
+        assert_eq!(of(documented, method).len(), 104);
+        assert_eq!(of(documented, method), of(&fresh, method), "{method}: see docs/speed.md for the command");
     }
-    assert!(of(kept, "plan_to_stop").iter().all(|row| row.contains(",proven,") && row.ends_with(",1")));
+    assert!(of(documented, "plan_to_stop").iter().all(|row| row.contains(",proven,") && row.ends_with(",1")));
 }
 
 /// The result of a run with `--json -`.
@@ -109,7 +109,7 @@ fn result(folder: &Path, arguments: &[&str]) -> Value {
 }
 
 #[test]
-fn wrong_use_is_exit_2_and_writes_nothing() {
+fn wrong_use_exits_with_2_and_writes_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let wrong: [(&[&str], &str); 9] = [
         (&["bench"], "spirals"),
@@ -124,18 +124,18 @@ fn wrong_use_is_exit_2_and_writes_nothing() {
     ];
     for (arguments, word) in wrong {
         let output = run(folder.path(), arguments);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
-        assert!(said.contains(word) && output.stdout.is_empty(), "{arguments:?}: {said}");
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
+        assert!(error.contains(word) && output.stdout.is_empty(), "{arguments:?}: {error}");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
 #[test]
-fn an_output_that_cannot_be_written_is_exit_3_before_anything_is_measured() {
+fn rejects_an_unwritable_output_with_exit_3_before_measuring() {
     let folder = tempfile::tempdir().unwrap();
     for option in ["--json", "--csv", "--svg"] {
-        // as many problems as would take minutes
+        // a comparison of a million problems would take minutes
         let output = run(folder.path(), &["bench", "spirals", "--problems", "1000000", option, "none/out"]);
         assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
         assert!(text(&output.stderr).contains("none/out"));
@@ -143,7 +143,7 @@ fn an_output_that_cannot_be_written_is_exit_3_before_anything_is_measured() {
 }
 
 #[test]
-fn help_tells_the_exit_codes_and_the_defaults() {
+fn help_shows_exit_codes_and_defaults() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [["bench", "--help"].as_slice(), &["bench", "spirals", "--help"]] {
         let output = run(folder.path(), arguments);
@@ -154,7 +154,7 @@ fn help_tells_the_exit_codes_and_the_defaults() {
 }
 
 #[test]
-fn everything_but_the_times_is_the_same_twice() {
+fn repeated_runs_differ_only_in_time() {
     let folder = tempfile::tempdir().unwrap();
     let timeless = |arguments: &[&str]| {
         let mut value = result(folder.path(), arguments);
@@ -175,7 +175,7 @@ fn everything_but_the_times_is_the_same_twice() {
 }
 
 #[test]
-fn every_method_is_in_the_table_the_json_and_the_csv() {
+fn table_json_and_csv_contain_every_method() {
     let folder = tempfile::tempdir().unwrap();
     let outputs = ["--json", "b.json", "--csv", "b.csv", "--svg", "b.svg"];
     let output = run(folder.path(), &[&["bench", "spirals", "--problems", "60"], outputs.as_slice()].concat());
@@ -188,7 +188,7 @@ fn every_method_is_in_the_table_the_json_and_the_csv() {
     let headers = reader.headers().unwrap().clone();
     let column = |name: &str| headers.iter().position(|h| h == name).unwrap();
     let (method_column, solved_column) = (column("method"), column("solved"));
-    assert!(!headers.iter().any(|h| h.contains("_us") || h.contains("time")), "no clock in the table: {headers:?}");
+    assert!(!headers.iter().any(|h| h.contains("_us") || h.contains("time")), "the CSV contains times: {headers:?}");
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     for method in methods {
         let (name, label) = (method["name"].as_str().unwrap(), method["label"].as_str().unwrap());
@@ -204,19 +204,18 @@ fn every_method_is_in_the_table_the_json_and_the_csv() {
 }
 
 #[test]
-fn the_pictures_of_the_page_are_what_the_program_draws() {
+fn pictures_of_the_geometry_page_are_up_to_date() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let slalom = read_file(&root.join("maps/slalom.xml")).unwrap();
     let page = std::fs::read_to_string(root.join("docs/geometry.md")).unwrap();
     let drawn = pictures(&slalom, &load("bmw_320i").unwrap());
     assert_eq!(drawn.len(), 6);
     for (name, svg) in drawn {
-        let kept = std::fs::read_to_string(root.join("docs/geometry").join(name)).unwrap_or_default();
+        let documented = std::fs::read_to_string(root.join("docs/geometry").join(name)).unwrap_or_default();
         assert!(
-            kept == svg,
-            "docs/geometry/{name} is not what the program draws now; look at the new one and keep it: \
-             cargo run --release --example geometry_page"
+            documented == svg,
+            "docs/geometry/{name} is out of date; draw it again and inspect it: cargo run --release --example geometry_page"
         );
-        assert!(page.contains(&format!("(geometry/{name})")), "{name} is not on the page");
+        assert!(page.contains(&format!("(geometry/{name})")), "the page does not show {name}");
     }
 }

@@ -1,36 +1,66 @@
-//! Starts and goals that no plan can serve end as outcomes with a reason, never as errors.
+//! Starts and goals that no plan can serve end as outcomes with a reason, never as errors; and a run that misses its goal fails
+//! unless something stood in its way.
 
 use std::path::Path;
 
-use stopline::drive::{self, Outcome, Settings};
+use stopline::drive::{self, Outcome, Run, Settings};
 use stopline::fixtures::parked;
-use stopline::geometry::Point;
 use stopline::geometry::polyline::Polyline;
+use stopline::geometry::{Point, Pose};
 use stopline::io::commonroad;
-use stopline::map::{GoalPosition, Scenario};
+use stopline::map::{GoalPosition, Interval, Part, Scenario, Shape};
 use stopline::planner::Decision;
-use stopline::vehicle;
+use stopline::result::{Kind, RunResult};
+use stopline::vehicle::{self, Vehicle};
+use stopline::verdict::{Check, Status};
 
 fn straight() -> Scenario {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("maps/straight_100m.xml");
     commonroad::read_file(&file).unwrap()
 }
 
-fn ends(scenario: &Scenario) -> (Outcome, Option<&'static str>, usize) {
-    let vehicle = vehicle::load("bmw_320i").unwrap();
-    let run = drive::drive(scenario, &scenario.problems[0], &vehicle, &Settings::default(), &mut |_, _| {}).unwrap();
-    (run.outcome, run.reason, run.log.samples.len())
+fn car() -> Vehicle {
+    vehicle::load("bmw_320i").unwrap()
 }
 
-#[test]
-fn a_start_far_off_the_road_is_no_safe_plan_with_its_reason() {
+fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle) -> Run<'a> {
+    drive::drive(scenario, &scenario.problems[0], vehicle, &Settings::default(), &mut |_, _| {}).unwrap()
+}
+
+fn planned<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle) -> Run<'a> {
+    drive::plan(scenario, &scenario.problems[0], vehicle, &Settings::default()).unwrap()
+}
+
+fn check(run: &Run, name: &str) -> Check {
+    run.verdict.checks.iter().find(|c| c.name == name).unwrap().clone()
+}
+
+fn failures(run: &Run) -> Vec<&'static str> {
+    run.verdict.failures().map(|c| c.name).collect()
+}
+
+fn passes(kind: Kind, run: &Run) -> bool {
+    RunResult::new(kind, run, &Settings::default(), 0).pass
+}
+
+/// The scenario with its goal at a pose relative to the start: a rectangle for the vehicle's centre.
+fn with_goal_at(mut scenario: Scenario, ahead: f64, left: f64, width: f64) -> Scenario {
+    let start = scenario.problems[0].initial.centre;
+    let centre = Pose { position: start.to_world(Point::new(ahead, left)), yaw: start.yaw };
+    let shape = Shape { parts: vec![Part::Rectangle { centre, length: 6.0, width }] };
+    scenario.problems[0].goals[0].position = Some(GoalPosition::Shapes(shape));
+    scenario
+}
+
+// ---- Facts of the start: a plan and a drive report the same outcome and reason.
+
+fn off_road() -> Scenario {
     let mut scenario = straight();
     scenario.problems[0].initial.centre.position.y += 500.0;
-    assert_eq!(ends(&scenario), (Outcome::NoSafePlan, Some("start_off_road"), 0));
+    scenario
 }
 
-#[test]
-fn a_goal_on_a_road_without_connection_is_no_safe_plan_with_its_reason() {
+fn unreachable_goal() -> Scenario {
     let mut scenario = straight();
     let mut island = scenario.network.lanelets.values().next().unwrap().clone();
     let away = |line: &Polyline| Polyline::new(line.points().iter().map(|p| Point::new(p.x, p.y + 1000.0))).unwrap();
@@ -40,52 +70,149 @@ fn a_goal_on_a_road_without_connection_is_no_safe_plan_with_its_reason() {
     (island.adjacent_left, island.adjacent_right) = (None, None);
     scenario.network.lanelets.insert(999, island);
     scenario.problems[0].goals[0].position = Some(GoalPosition::Lanelets(vec![999]));
-    assert_eq!(ends(&scenario), (Outcome::NoSafePlan, Some("goal_unreachable"), 0));
+    scenario
 }
 
-#[test]
-fn a_goal_whose_time_is_past_is_told_and_not_driven() {
+fn goal_in_the_past() -> Scenario {
     let mut scenario = straight();
-    scenario.problems[0].goals[0].time.min = -5.0;
-    scenario.problems[0].goals[0].time.max = -1.0;
-    assert_eq!(ends(&scenario), (Outcome::TimedOut, Some("goal_time_is_past"), 0));
+    scenario.problems[0].goals[0].time = Interval { min: -5.0, max: -1.0 };
+    scenario
 }
 
-/// The emergency stop that stands in where nothing was ever proven is not a proven plan, however long it is kept.
+fn start_in_a_wall() -> Scenario {
+    let mut scenario = straight();
+    scenario.obstacles.push(parked(9000, scenario.problems[0].initial.centre, 1.0, 1.0));
+    scenario
+}
+
+/// The start is at 5 m/s, so the goal must not ask for a stop.
+fn start_in_the_goal() -> Scenario {
+    let mut scenario = with_goal_at(straight(), 1.0, 0.0, 3.5);
+    scenario.problems[0].goals[0].speed = None;
+    scenario
+}
+
 #[test]
-fn a_wall_too_near_to_stop_before_leaves_no_cycle_proven() {
+fn plan_and_drive_report_the_same_facts_of_the_start() {
+    let vehicle = car();
+    for (scenario, outcome, reason, is_simulated) in [
+        (off_road(), Outcome::NoSafePlan, Some("start_off_road"), false),
+        (unreachable_goal(), Outcome::NoSafePlan, Some("goal_unreachable"), false),
+        (goal_in_the_past(), Outcome::TimedOut, Some("goal_time_is_past"), false),
+        (start_in_a_wall(), Outcome::Collision, Some("start_in_collision"), true),
+        (start_in_the_goal(), Outcome::AlreadyAtGoal, None, true),
+    ] {
+        let (plan, drive) = (planned(&scenario, &vehicle), driven(&scenario, &vehicle));
+        assert_eq!((plan.outcome, plan.reason), (outcome, reason), "plan");
+        assert_eq!((drive.outcome, drive.reason), (outcome, reason), "drive");
+        assert_eq!(!drive.log.samples.is_empty(), is_simulated, "{outcome:?}");
+        let is_success = outcome == Outcome::AlreadyAtGoal;
+        assert_eq!((passes(Kind::Plan, &plan), passes(Kind::Drive, &drive)), (is_success, is_success), "{outcome:?}");
+    }
+}
+
+#[test]
+fn a_start_in_the_goal_is_named_and_judged() {
+    let (scenario, vehicle) = (start_in_the_goal(), car());
+    let run = driven(&scenario, &vehicle);
+    assert_eq!(run.log.samples.len(), 1, "nothing is driven");
+    assert!(check(&run, "goal").passed() && check(&run, "no_contact").passed(), "{:?}", run.verdict);
+    // a goal that asks for a stop is not reached at 5 m/s
+    let mut stop = start_in_the_goal();
+    stop.problems[0].goals[0].speed = Some(Interval { min: 0.0, max: 0.5 });
+    assert_ne!(planned(&stop, &vehicle).outcome, Outcome::AlreadyAtGoal);
+}
+
+// ---- Missed goals.
+
+#[test]
+fn a_goal_behind_the_start_fails_at_the_end_of_the_road() {
+    let (scenario, vehicle) = (with_goal_at(straight(), -6.0, 0.0, 3.5), car());
+    let run = driven(&scenario, &vehicle);
+    assert_eq!((run.outcome, failures(&run)), (Outcome::StoppedSafely, vec!["goal"]));
+    assert!(!passes(Kind::Drive, &run));
+    let goal = check(&run, "goal");
+    assert!(
+        goal.note.starts_with("missed the goal: ") && goal.note.ends_with("before the end of the road"),
+        "{goal:?}"
+    );
+    assert!(check(&run, "stop_needed").passed(), "the end of the road is a reason to stop");
+}
+
+#[test]
+fn a_goal_beside_the_lane_fails_at_the_end_of_the_road() {
+    let (scenario, vehicle) = (with_goal_at(straight(), 60.0, 1.6, 0.2), car());
+    let run = driven(&scenario, &vehicle);
+    assert_eq!((run.outcome, failures(&run)), (Outcome::StoppedSafely, vec!["goal"]));
+}
+
+#[test]
+fn a_goal_beyond_a_wall_does_not_apply_and_one_before_it_does() {
+    let vehicle = car();
+    let with_wall = |mut scenario: Scenario| {
+        let start = scenario.problems[0].initial.centre;
+        scenario.obstacles.push(parked(9000, start.advanced(70.0), 1.0, 20.0));
+        scenario
+    };
+    let beyond = with_wall(straight());
+    let run = driven(&beyond, &vehicle);
+    assert_eq!((run.outcome, check(&run, "goal").status), (Outcome::StoppedSafely, Status::NotApplicable));
+    assert!(passes(Kind::Drive, &run), "{:?}", run.verdict.first_failure());
+    // the twin: the vehicle drives past a goal that it has to pass at another heading
+    let mut before = with_wall(with_goal_at(straight(), 30.0, 0.0, 3.5));
+    let goal = &mut before.problems[0].goals[0];
+    (goal.speed, goal.yaw) = (None, Some(Interval { min: 3.0, max: 3.1 }));
+    let run = driven(&before, &vehicle);
+    assert_eq!((run.outcome, failures(&run)), (Outcome::StoppedSafely, vec!["goal"]));
+}
+
+#[test]
+fn a_stopped_vehicle_waits_for_the_time_window_of_its_goal() {
+    let (mut scenario, vehicle) = (straight(), car());
+    let goal = &mut scenario.problems[0].goals[0];
+    (goal.position, goal.speed, goal.yaw) = (None, None, None);
+    goal.time = Interval { min: 40.0, max: 41.0 };
+    let run = driven(&scenario, &vehicle);
+    assert_eq!(run.outcome, Outcome::GoalReached);
+    let last = run.log.samples.last().unwrap();
+    assert!((last.time - 40.0).abs() < 0.02 && last.speed.abs() < 0.05, "{last:?}");
+}
+
+/// The emergency stop of a run without a proven plan is no proven plan, in any cycle.
+#[test]
+fn a_wall_within_the_stopping_distance_leaves_every_cycle_unproven() {
     let mut scenario = straight();
     let initial = &scenario.problems[0].initial;
     let mut wall = initial.centre;
     wall.position += initial.centre.forward() * 4.5;
     scenario.obstacles.push(parked(9000, wall, 1.0, 20.0));
-    let vehicle = vehicle::load("bmw_320i").unwrap();
-    let run = drive::drive(&scenario, &scenario.problems[0], &vehicle, &Settings::default(), &mut |_, _| {}).unwrap();
+    let vehicle = car();
+    let run = driven(&scenario, &vehicle);
     assert!(!run.cycles.is_empty() && run.cycles.iter().all(|c| c.decision == Decision::Unproven));
-    let proven = run.verdict.checks.iter().find(|c| c.name == "stop_proven").unwrap();
+    let proven = check(&run, "stop_proven");
     assert_eq!((proven.value, proven.failed()), (0.0, true));
 }
 
 #[test]
-fn who_starts_too_fast_for_the_way_there_is_hears_the_distance_that_a_stop_takes() {
+fn a_start_too_fast_to_stop_reports_the_stopping_distance() {
     let mut scenario = straight();
     scenario.problems[0].initial.speed = 20.0;
     let initial = scenario.problems[0].initial.centre;
     let mut wall = initial;
     wall.position += initial.forward() * 25.0;
     scenario.obstacles.push(parked(9000, wall, 1.0, 20.0));
-    let vehicle = vehicle::load("bmw_320i").unwrap();
-    let run = drive::plan(&scenario, &scenario.problems[0], &vehicle, &Settings::default()).unwrap();
+    let vehicle = car();
+    let run = planned(&scenario, &vehicle);
     assert_eq!((run.outcome, run.reason), (Outcome::NoSafePlan, Some("cannot_stop")));
     let hardest = Settings::default().planner.emergency.last().unwrap().deceleration;
     let expected = 20.0 * 20.0 / (2.0 * hardest);
     assert!((run.stopping_distance.unwrap() - expected).abs() < 1e-9, "{:?} m", run.stopping_distance);
 }
 
-/// The file's time steps are where a goal counts; no physics step may pass between them.
+/// A goal counts at the time steps of the file, whatever the physics step.
 #[test]
 fn a_goal_is_reached_whatever_the_length_of_a_physics_step() {
-    let (scenario, vehicle) = (straight(), vehicle::load("bmw_320i").unwrap());
+    let (scenario, vehicle) = (straight(), car());
     for step in [0.0007, 0.001, 0.0016, 0.0017, 0.0019] {
         let mut settings = Settings::default();
         settings.simulation.step = step;
@@ -95,10 +222,10 @@ fn a_goal_is_reached_whatever_the_length_of_a_physics_step() {
     }
 }
 
-/// MotionPlanner are made anew ten times a second, long before a jerk-limited one has come to move.
+/// The loop replans ten times a second, before a jerk-limited plan has moved the vehicle.
 #[test]
-fn a_vehicle_at_rest_drives_off_at_every_jerk() {
-    let vehicle = vehicle::load("bmw_320i").unwrap();
+fn a_stopped_vehicle_drives_off_at_every_jerk_limit() {
+    let vehicle = car();
     for (speed, jerk) in [(0.0, 0.5), (0.0, 1.0), (0.0, 1.8), (0.001, 1.8), (0.01, 1.8), (0.0, 2.5), (0.0, 10.0)] {
         let mut scenario = straight();
         scenario.problems[0].initial.speed = speed;

@@ -1,5 +1,5 @@
-//! The closed loop on published CommonRoad scenarios. The files are not part of the project: without them, the test says
-//! so and passes.
+//! The closed loop on published CommonRoad scenarios. The files are not part of the project; without them the test prints so and
+//! passes.
 //!
 //! Prints the table of outcomes (`cargo test --release --test scenarios -- --nocapture`).
 
@@ -14,11 +14,11 @@ use common::{driven, real_scenarios};
 use stopline::drive::Outcome;
 use stopline::io::commonroad::read_file;
 
-/// Scenarios in which the goal is reached, at least.
+/// Least number of scenarios in which the goal is reached.
 const GOALS: usize = 50;
-/// Runs with a contact, at most; those that start in one are not counted.
+/// Largest number of runs with a contact, without those that start in one.
 const CONTACTS: usize = 8;
-/// Longest that one scenario may take, s.
+/// Longest time for one scenario, s.
 const LONGEST: f64 = 120.0;
 
 /// How one scenario ended.
@@ -55,10 +55,10 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Drives all files, in order of their names. A panic is caught, so that it is told with the file's name.
+/// Drives all files, in order of their names. A panic is caught and reported with the name of the file.
 ///
-/// One thread a core, each with a pool of its own: a worker of a shared pool would start on a second scenario while it
-/// waits inside the first one, and the times would say nothing.
+/// One thread per core, each with a separate pool: a worker of a shared pool would start a second scenario while it waits inside
+/// the first one, which would distort the times.
 fn all_rows(files: &[PathBuf]) -> Vec<Result<Row, &PathBuf>> {
     let next = AtomicUsize::new(0);
     let work = || {
@@ -80,7 +80,7 @@ fn all_rows(files: &[PathBuf]) -> Vec<Result<Row, &PathBuf>> {
 }
 
 #[test]
-fn every_real_scenario_ends_with_a_verdict() {
+fn every_published_scenario_ends_with_a_verdict() {
     let Some(folder) = real_scenarios() else { return };
     let files = files(&folder);
     let ended = all_rows(&files);
@@ -103,7 +103,7 @@ fn every_real_scenario_ends_with_a_verdict() {
     }
     let passed = rows.iter().filter(|r| r.outcome == Outcome::GoalReached && r.failed.is_empty()).count();
     println!(
-        "{} files: {outcomes:?}; goal reached with every check held: {passed}; failed checks: {failures:?}",
+        "{} files: {outcomes:?}; goal reached and every check passed: {passed}; failed checks: {failures:?}",
         files.len()
     );
     assert!(panicked.is_empty(), "panicked on {panicked:?}");

@@ -1,5 +1,6 @@
-//! How the controller tracks in physics: stops over speeds, decelerations, vehicles and the bundled maps; paths at the
-//! lateral accelerations that comfort allows. Each test prints its figures (`--nocapture`); `docs/physics.md` has them.
+//! Tracking accuracy of the controller in the vehicle simulation: stops over speeds, decelerations, vehicles and the
+//! bundled maps, and paths at the comfort limit of lateral acceleration. Each test prints its metrics (`--nocapture`);
+//! `docs/physics.md` lists them.
 
 use std::path::Path as File;
 
@@ -16,22 +17,23 @@ use stopline::verdict::zero_phase_low_pass;
 const COMFORT_CUTOFF: f64 = 2.0;
 /// Rate of the log, Hz.
 const RATE: f64 = 100.0;
-/// Part of a stop that counts as its end, before the planned standstill and after it, s.
+/// The end of a stop: the time from this long before the planned standstill until this long after it, s.
 const END: f64 = 1.0;
 
-/// Figures to reach: where a stop may end, m.
-const BIAS: f64 = 0.1;
-const WORST_STOP: f64 = 0.3;
-/// Largest jerk at the end of a comfortable stop, filtered, m/s³.
-const END_JERK: f64 = 2.0;
-/// Largest lateral tracking error, m.
-const ASIDE: f64 = 0.25;
+/// Limit of the mean stop error, m.
+const MAX_BIAS: f64 = 0.1;
+/// Limit of each stop error, m.
+const MAX_STOP_ERROR: f64 = 0.3;
+/// Limit of the filtered jerk at the end of a comfortable stop, m/s³.
+const MAX_END_JERK: f64 = 2.0;
+/// Limit of the lateral tracking error, m.
+const MAX_LATERAL_ERROR: f64 = 0.25;
 
 fn start(pose: Pose, speed: f64) -> State {
     State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
-/// A profile from pieces (duration, initial acceleration, jerk).
+/// A profile from a speed (m/s) through pieces (duration s, initial acceleration m/s², jerk m/s³).
 fn profile(speed: f64, pieces: &[(f64, f64, f64)]) -> SpeedProfile {
     let mut knot = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
     let mut knots = Vec::new();
@@ -44,60 +46,60 @@ fn profile(speed: f64, pieces: &[(f64, f64, f64)]) -> SpeedProfile {
     SpeedProfile::new(knots).unwrap()
 }
 
-/// Constant speed for 2 s, then a stop at deceleration `d`, built up and let go with jerk `j`; less where the speed is too
-/// low to reach it.
+/// Constant speed for 2 s, then a stop with deceleration `d` (m/s²) and ramps of jerk `j` (m/s³). A low speed reduces
+/// the deceleration.
 fn stop(speed: f64, d: f64, j: f64) -> SpeedProfile {
     let d = d.min((speed * j).sqrt());
     let ramp = d / j;
     profile(speed, &[(2.0, 0.0, 0.0), (ramp, 0.0, -j), (speed / d - ramp, -d, 0.0), (ramp, -d, j)])
 }
 
-/// How a stop ended.
+/// Metrics of a stop.
 #[derive(Debug, Clone, Copy)]
 struct Stopped {
-    /// Position of rest against the planned one, positive beyond, m.
+    /// Final position relative to the planned standstill, positive beyond it, m.
     error: f64,
-    /// Furthest position against the planned stop, positive beyond, m.
-    furthest: f64,
-    /// Largest filtered jerk in the last second before the planned standstill and the first after it, m/s³.
+    /// Farthest position relative to the planned standstill, positive beyond it, m.
+    overshoot: f64,
+    /// Largest filtered jerk at the end of the stop, m/s³.
     jerk: f64,
 }
 
-/// Drives a trajectory that ends at rest, until it has been at rest for long.
-fn driven_to_rest(v: &Vehicle, initial: &State, t: &Trajectory) -> Stopped {
+/// Drives a trajectory to standstill and for several seconds beyond it.
+fn drive_to_standstill(v: &Vehicle, initial: &State, t: &Trajectory) -> Stopped {
     let mut world = World::new(v, &[], initial, &Settings::default()).unwrap();
     let mut log = Log::default();
     world.follow(t, t.end_time() + 4.0, &mut log);
     let end = t.at(t.end_time()).pose;
     let ahead = |s: &Sample| end.to_local(s.pose.position).x;
     let last = log.samples.last().unwrap();
-    assert!(last.speed.abs() < 1e-3, "{} m/s left", last.speed);
+    assert!(last.speed.abs() < 1e-3, "still moves at {} m/s", last.speed);
     let acceleration: Vec<f64> = log.samples.iter().map(|s| s.acceleration).collect();
     let filtered = zero_phase_low_pass(&acceleration, COMFORT_CUTOFF, RATE);
     let jerk = filtered.windows(2).zip(&log.samples).filter(|(_, s)| (s.time - t.end_time()).abs() <= END);
     Stopped {
         error: ahead(last),
-        furthest: log.samples.iter().map(ahead).fold(f64::NEG_INFINITY, f64::max),
+        overshoot: log.samples.iter().map(ahead).fold(f64::NEG_INFINITY, f64::max),
         jerk: jerk.map(|(w, _)| ((w[1] - w[0]) * RATE).abs()).fold(0.0, f64::max),
     }
 }
 
-/// Prints and checks the figures of many stops.
+/// Prints and checks the metrics of several stops.
 fn check(what: &str, stops: &[Stopped]) {
-    assert!(!stops.is_empty(), "{what}: nothing stopped");
-    let of = |f: fn(&Stopped) -> f64| stops.iter().map(f).fold(f64::NEG_INFINITY, f64::max);
+    assert!(!stops.is_empty(), "{what}: no stops");
+    let max = |f: fn(&Stopped) -> f64| stops.iter().map(f).fold(f64::NEG_INFINITY, f64::max);
     let bias = stops.iter().map(|s| s.error).sum::<f64>() / stops.len() as f64;
-    let (worst, furthest, jerk) = (of(|s| s.error.abs()), of(|s| s.furthest), of(|s| s.jerk));
-    let figures = format!(
-        "{what}, {} stops: bias {bias:+.4} m, worst {worst:.4} m, furthest {furthest:+.4} m, jerk at the end {jerk:.2} m/s³",
+    let (worst, overshoot, jerk) = (max(|s| s.error.abs()), max(|s| s.overshoot), max(|s| s.jerk));
+    let metrics = format!(
+        "{what}, {} stops: bias {bias:+.4} m, worst {worst:.4} m, overshoot {overshoot:+.4} m, jerk at the end {jerk:.2} m/s³",
         stops.len()
     );
-    println!("{figures}");
-    assert!(bias.abs() <= BIAS && worst <= WORST_STOP && furthest <= 0.0, "{figures}");
+    println!("{metrics}");
+    assert!(bias.abs() <= MAX_BIAS && worst <= MAX_STOP_ERROR && overshoot <= 0.0, "{metrics}");
 }
 
 #[test]
-fn comfortable_stops_end_at_the_line_never_past_it_and_softly() {
+fn comfortable_stops_end_smoothly_before_the_line() {
     for name in vehicle::builtin_names() {
         let v = vehicle::load(name).unwrap();
         let path = Path::new(Pose::new(0.0, 0.0, 0.7), &[CubicSpiral { knots: [0.0; 4], length: 500.0 }]).unwrap();
@@ -105,33 +107,34 @@ fn comfortable_stops_end_at_the_line_never_past_it_and_softly() {
             let speeds = [2.0, 3.5, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0];
             let stops = speeds.map(|speed| {
                 let t = Trajectory { start_time: 0.0, path: path.clone(), profile: stop(speed, d, j) };
-                driven_to_rest(&v, &start(t.at(0.0).pose, speed), &t)
+                drive_to_standstill(&v, &start(t.at(0.0).pose, speed), &t)
             });
             check(&format!("{name}, {d} m/s², jerk {j} m/s³"), &stops);
             let jerk = stops.iter().map(|s| s.jerk).fold(0.0, f64::max);
-            // what is planned with 1.5 m/s³ is driven with less than 2; the rig adds little to any plan
-            assert!(jerk <= (j + 0.5).max(END_JERK), "{name}, {d} m/s², {j} m/s³: {jerk}");
-            assert!(j > 1.5 || jerk <= END_JERK, "{name}, {d} m/s², {j} m/s³: {jerk}");
+            // the simulation adds little to the planned jerk: a plan with 1.5 m/s³ stays below 2 m/s³
+            assert!(jerk <= (j + 0.5).max(MAX_END_JERK), "{name}, {d} m/s², {j} m/s³: {jerk}");
+            assert!(j > 1.5 || jerk <= MAX_END_JERK, "{name}, {d} m/s², {j} m/s³: {jerk}");
         }
     }
 }
 
-/// The brakes' lag alone would let it roll on for 5 cm while they build up.
+/// A stop within the brake lag: the vehicle keeps braking beyond the planned standstill. The lag alone accounts for 5
+/// cm.
 #[test]
-fn an_emergency_that_begins_within_the_lag_of_the_brakes_is_braked_on_beyond_the_stop() {
+fn emergency_stop_within_the_brake_lag_has_a_small_overshoot() {
     let v = vehicle::load("bmw_320i").unwrap();
     let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[CubicSpiral { knots: [0.0; 4], length: 50.0 }]).unwrap();
-    for (speed, d, most) in [(0.54, 8.3, 0.06), (1.0, 8.0, 0.1), (1.0, 4.0, 0.1)] {
+    for (speed, d, limit) in [(0.54, 8.3, 0.06), (1.0, 8.0, 0.1), (1.0, 4.0, 0.1)] {
         let t = Trajectory { start_time: 0.0, path: path.clone(), profile: profile(speed, &[(speed / d, -d, 0.0)]) };
-        let stopped = driven_to_rest(&v, &start(t.at(0.0).pose, speed), &t);
-        println!("{speed} m/s, {d} m/s²: {:+.3} m", stopped.furthest);
-        assert!(stopped.furthest <= most, "{speed} m/s, {d} m/s²: {stopped:?}");
+        let stopped = drive_to_standstill(&v, &start(t.at(0.0).pose, speed), &t);
+        println!("{speed} m/s, {d} m/s²: {:+.3} m", stopped.overshoot);
+        assert!(stopped.overshoot <= limit, "{speed} m/s, {d} m/s²: {stopped:?}");
     }
 }
 
-/// Every fifth committed plan of a drive through each map, driven to its rest from the state in which it was committed.
+/// Drives every fifth committed plan of each bundled map to standstill, from the state in which it was committed.
 #[test]
-fn committed_plans_of_the_bundled_maps_stop_where_they_say() {
+fn committed_plans_of_the_bundled_maps_stop_at_their_end() {
     let folder = File::new(env!("CARGO_MANIFEST_DIR")).join("maps");
     let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "xml"));
@@ -151,7 +154,7 @@ fn committed_plans_of_the_bundled_maps_stop_where_they_say() {
             }
             let Sample { time, pose, speed, acceleration, yaw_rate, steering, .. } = *sample;
             let state = State { time, pose, speed, acceleration, yaw_rate, steering };
-            let stopped = driven_to_rest(&v, &state, plan);
+            let stopped = drive_to_standstill(&v, &state, plan);
             if stopped.error.abs() > 0.05 {
                 println!("{name} at {:.1} s, {speed:.1} m/s: {stopped:?}", cycle.time);
             }
@@ -161,7 +164,7 @@ fn committed_plans_of_the_bundled_maps_stop_where_they_say() {
     check("maps/", &stops);
 }
 
-/// The paths that are tracked: tightest curvature κ, at a scale such that it is built up over about a second.
+/// Paths with maximum curvature `kappa` (1/m), each scaled so that the curvature builds up in about a second.
 fn paths(speed: f64, kappa: f64) -> [(&'static str, Path); 3] {
     let spiral = |k: [f64; 4], seconds: f64| CubicSpiral { knots: k.map(|x| x * kappa), length: speed * seconds };
     // a cubic through 0, k, k, 0 peaks at 9/8 k
@@ -187,17 +190,19 @@ fn paths(speed: f64, kappa: f64) -> [(&'static str, Path); 3] {
 }
 
 #[test]
-fn paths_are_tracked_to_a_quarter_metre_at_the_vehicles_comfortable_lateral_acceleration() {
+fn tracks_paths_at_the_comfort_limit_of_lateral_acceleration() {
     for name in vehicle::builtin_names().iter().copied() {
         let v = vehicle::load(name).unwrap();
         let mut worst = 0.0;
         for speed in [3.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0] {
-            // near top speed nothing is left to make good for what turning takes; the robot is a tenth of a car long
+            // near top speed, no drive force remains to compensate the resistance in curves; the robot is a tenth of a
+            // car long
             if speed > 0.9 * v.limits.speed || (name == "f1tenth" && speed > 8.0) {
                 continue;
             }
             let kappa = (v.comfort.lateral_acceleration / (speed * speed)).min(0.8 * v.max_curvature());
-            // no faster than the steering can: κ′ v L within 80 % of its rate, on the paths below at most 3 κ a second
+            // keeps the steering rate within 80 % of its limit: κ′ v L, with κ′ v of at most 3 κ per second on these
+            // paths
             let kappa = kappa.min(0.8 * v.limits.steering_rate / (3.0 * v.wheelbase));
             for (kind, path) in paths(speed, kappa) {
                 let duration = path.length() / speed;
@@ -206,15 +211,18 @@ fn paths_are_tracked_to_a_quarter_metre_at_the_vehicles_comfortable_lateral_acce
                 let mut log = Log::default();
                 world.follow(&t, duration, &mut log);
                 let local = |s: &Sample| s.reference_pose.to_local(s.pose.position);
-                let aside = log.samples.iter().map(|s| local(s).y.abs()).fold(0.0, f64::max);
-                let along = log.samples.iter().map(|s| local(s).x.abs()).fold(0.0, f64::max);
-                let lateral = log.samples.iter().map(|s| s.lateral_acceleration.abs()).fold(0.0, f64::max);
-                println!("{name} {kind} {speed:.1} m/s, {lateral:.2} m/s²: {aside:.3} m aside, {along:.3} m along");
-                worst = aside.max(worst);
-                assert!(along < 0.25, "{name} {kind} {speed} m/s: {along} m along");
+                let lateral = log.samples.iter().map(|s| local(s).y.abs()).fold(0.0, f64::max);
+                let longitudinal = log.samples.iter().map(|s| local(s).x.abs()).fold(0.0, f64::max);
+                let acceleration = log.samples.iter().map(|s| s.lateral_acceleration.abs()).fold(0.0, f64::max);
+                println!(
+                    "{name} {kind} {speed:.1} m/s, {acceleration:.2} m/s²: error {lateral:.3} m lateral, {longitudinal:.3} m \
+                     longitudinal"
+                );
+                worst = lateral.max(worst);
+                assert!(longitudinal < 0.25, "{name} {kind} {speed} m/s: {longitudinal} m longitudinal");
             }
         }
-        println!("{name}: worst {worst:.3} m aside");
-        assert!(worst <= ASIDE, "{name}: {worst} m aside");
+        println!("{name}: largest lateral error {worst:.3} m");
+        assert!(worst <= MAX_LATERAL_ERROR, "{name}: lateral error {worst} m");
     }
 }

@@ -1,4 +1,4 @@
-//! Traffic from behind, and proofs against all motions of the traffic within bounds: what the planner makes of them.
+//! Planning with rear traffic, and robust proofs against reachable sets of the traffic.
 
 mod common;
 
@@ -8,10 +8,10 @@ use stopline::geometry::{Point, Pose, Vector};
 use stopline::map::{LaneletId, Motion, Obstacle, ObstacleKind, Scenario, Shape, TimedPose};
 use stopline::planner::{Cycle, RearTraffic, UncertaintyMode};
 
-/// A car that follows a chain of points, each with its time.
-fn car(id: i64, way: &[(f64, f64, f64)]) -> Obstacle {
+/// A car that moves through a chain of points (time, x, y).
+fn car(id: i64, points: &[(f64, f64, f64)]) -> Obstacle {
     let mut states = Vec::new();
-    for pair in way.windows(2) {
+    for pair in points.windows(2) {
         let ((t0, x0, y0), (t1, x1, y1)) = (pair[0], pair[1]);
         let (dx, dy) = (x1 - x0, y1 - y0);
         let steps = ((t1 - t0) / 0.1).round() as usize;
@@ -24,7 +24,7 @@ fn car(id: i64, way: &[(f64, f64, f64)]) -> Obstacle {
     Obstacle { id, kind: ObstacleKind::Vehicle, shape: Shape::rectangle(4.0, 1.8), motion: Motion::Trajectory(states) }
 }
 
-/// The straight road of 130 m, the vehicle's centre at x = 10 m, 5 m/s, with traffic.
+/// The straight road of 130 m with traffic. The vehicle starts with its centre at x = 10 m, at 5 m/s.
 fn road(traffic: Vec<Obstacle>) -> Scenario {
     Scenario { obstacles: traffic, ..bundled("straight_100m") }
 }
@@ -39,12 +39,12 @@ fn rear(rear_traffic: RearTraffic) -> Settings {
     settings
 }
 
-/// From 2.75 m behind, without ever braking.
+/// A vehicle 2.75 m behind that never brakes.
 fn follower() -> Obstacle {
     car(50, &[(0.0, 3.0, 0.0), (20.0, 183.0, 0.0)])
 }
 
-/// The plane as it is, mirrored, turned and far off.
+/// The original plane, a mirrored one, and a mirrored, rotated and shifted one.
 const TWINS: [PlaneMotion; 3] = [
     PlaneMotion::NONE,
     PlaneMotion { is_mirrored: true, ..PlaneMotion::NONE },
@@ -52,7 +52,7 @@ const TWINS: [PlaneMotion; 3] = [
 ];
 
 #[test]
-fn a_follower_that_drives_on_through_us_leaves_no_plan_unless_it_yields() {
+fn follower_that_never_brakes_prevents_a_proof_unless_rear_traffic_yields() {
     for motion in TWINS {
         let scenario = motion.scenario(&road(vec![follower()]));
         assert_eq!(planned(&scenario, &rear(RearTraffic::Binding)).outcome, Outcome::NoSafePlan);
@@ -61,12 +61,12 @@ fn a_follower_that_drives_on_through_us_leaves_no_plan_unless_it_yields() {
         assert!(run.cycles[0].blocked.is_empty());
         let alone = motion.scenario(&road(vec![]));
         let free = planned(&alone, &rear(RearTraffic::Binding));
-        assert_eq!(run.cycles[0].committed, free.cycles[0].committed, "the plan is that of an empty road");
+        assert_eq!(run.cycles[0].committed, free.cycles[0].committed, "the plan differs from that on an empty road");
     }
 }
 
 #[test]
-fn a_follower_that_yields_to_the_planner_does_not_yield_to_the_verdict() {
+fn verdict_counts_a_contact_with_yielding_rear_traffic() {
     let scenario = road(vec![follower()]);
     let settings = rear(RearTraffic::Yielding);
     let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
@@ -74,12 +74,12 @@ fn a_follower_that_yields_to_the_planner_does_not_yield_to_the_verdict() {
 }
 
 #[test]
-fn alongside_ahead_crossing_oncoming_and_cutting_in_from_the_next_lane_bind_all_the_same() {
+fn all_other_traffic_remains_binding_with_yielding_rear_traffic() {
     let others = [
         ("ahead", car(1, &[(0.0, 25.0, 0.0), (20.0, 65.0, 0.0)])),
         ("crossing", car(2, &[(0.0, 35.0, -15.0), (12.0, 35.0, 45.0)])),
         (
-            "crossing behind, then with us",
+            "crossing behind, then following",
             car(3, &[(0.0, 4.0, -9.0), (1.0, 4.0, -1.0), (1.5, 8.0, 0.0), (20.0, 188.0, 0.0)]),
         ),
         ("oncoming", car(4, &[(0.0, 120.0, 0.0), (20.0, 20.0, 0.0)])),
@@ -89,7 +89,7 @@ fn alongside_ahead_crossing_oncoming_and_cutting_in_from_the_next_lane_bind_all_
             car(6, &[(0.0, 8.0, -3.0), (2.0, 30.0, -3.0), (4.0, 50.0, 0.0), (20.0, 66.0, 0.0)]),
         ),
         ("from the next lane", car(7, &[(0.0, 2.0, 3.2), (2.0, 30.0, 3.2), (4.0, 50.0, 0.0), (20.0, 66.0, 0.0)])),
-        ("touching our bumper's line", car(8, &[(0.0, 6.5, 2.0), (2.0, 30.0, 0.0), (20.0, 66.0, 0.0)])),
+        ("level with the rear bumper", car(8, &[(0.0, 6.5, 2.0), (2.0, 30.0, 0.0), (20.0, 66.0, 0.0)])),
     ];
     for (name, other) in others {
         for motion in TWINS {
@@ -97,22 +97,22 @@ fn alongside_ahead_crossing_oncoming_and_cutting_in_from_the_next_lane_bind_all_
             let binding = planned(&scenario, &rear(RearTraffic::Binding));
             let yielding = planned(&scenario, &rear(RearTraffic::Yielding));
             assert_eq!(binding.outcome, yielding.outcome, "{name}");
-            assert_eq!(told(&binding.cycles[0]), told(&yielding.cycles[0]), "{name}");
-            let matters = !binding.cycles[0].blocked.is_empty() || binding.outcome == Outcome::NoSafePlan;
-            assert!(matters, "{name} is not in the way at all");
+            assert_eq!(deterministic(&binding.cycles[0]), deterministic(&yielding.cycles[0]), "{name}");
+            let is_relevant = !binding.cycles[0].blocked.is_empty() || binding.outcome == Outcome::NoSafePlan;
+            assert!(is_relevant, "{name} does not affect the plan");
         }
     }
 }
 
-/// What a cycle found, without its times.
-fn told(cycle: &Cycle) -> impl PartialEq + std::fmt::Debug {
+/// The deterministic part of a cycle's record: everything but its times.
+fn deterministic(cycle: &Cycle) -> impl PartialEq + std::fmt::Debug {
     let candidates: Vec<_> = cycle.candidates.iter().map(|c| (c.cost, c.rejected)).collect();
     (cycle.committed.clone(), cycle.decision, cycle.blocked.clone(), cycle.expansions, candidates)
 }
 
 #[test]
-fn who_pulls_out_to_overtake_yields_until_it_has_left_our_way() {
-    // it pulls out in the second second, passes, is back in our lane from 5.5 s on, and stands there
+fn overtaking_vehicle_yields_until_it_leaves_the_lane() {
+    // it pulls out after 1 s, overtakes, returns to the lane at 5.5 s and stops there
     let overtaker = car(
         1,
         &[(0.0, 5.0, 0.0), (1.0, 15.0, 0.0), (2.0, 27.0, 3.2), (5.0, 75.0, 3.2), (6.0, 84.0, 0.0), (20.0, 84.1, 0.0)],
@@ -124,12 +124,15 @@ fn who_pulls_out_to_overtake_yields_until_it_has_left_our_way() {
     let blocked = &run.cycles[0].blocked;
     assert!(!blocked.is_empty() && blocked.iter().all(|(_, times)| times.0 > 1.5), "{blocked:?}");
     let plan = &run.cycles[0].committed;
-    assert!(plan.path.at(plan.profile.last().station).pose.position.x < 79.0, "it is not driven into");
+    assert!(
+        plan.path.at(plan.profile.last().station).pose.position.x < 79.0,
+        "the plan drives into the stopped vehicle"
+    );
 }
 
-/// Behind a bend, on the lanelet before: the way that leads here tells, not the straight line.
+/// The follower is on the preceding lanelet, behind a bend: the route decides that it follows, not the straight line.
 #[test]
-fn followers_are_found_on_the_lanelets_that_lead_here() {
+fn detects_followers_on_preceding_lanelets() {
     let mut scenario = bundled("turn_90");
     let joins = |scenario: &Scenario| {
         let lanelets = scenario.network.lanelets.values();
@@ -139,17 +142,17 @@ fn followers_are_found_on_the_lanelets_that_lead_here() {
     let (id, before): (LaneletId, LaneletId) = joins(&scenario).unwrap();
     let (here, behind) = (&scenario.network.lanelets[&id].centre, &scenario.network.lanelets[&before].centre);
     let at = |line: &stopline::geometry::polyline::Polyline, s: f64| Pose { position: line.at(s), yaw: line.yaw_at(s) };
-    let (ours, theirs) = (at(here, 5.0), at(behind, behind.length() - 8.0));
-    // through us and on along our lane
+    let (ego, follower_start) = (at(here, 5.0), at(behind, behind.length() - 8.0));
+    // through the vehicle and onwards along its lane
     let mut states: Vec<TimedPose> = Vec::new();
     let mut push = |pose: Pose| {
         states.push(TimedPose { time: 0.1 * states.len() as f64, pose, speed: 10.0 });
     };
     (0..8).for_each(|i| push(at(behind, behind.length() - 8.0 + f64::from(i))));
     (0..here.length() as i32).for_each(|i| push(at(here, f64::from(i))));
-    assert!((theirs.position - ours.position).norm() > 7.0);
+    assert!((follower_start.position - ego.position).norm() > 7.0);
     scenario.obstacles = vec![Obstacle { motion: Motion::Trajectory(states), ..follower() }];
-    scenario.problems[0].initial.centre = ours;
+    scenario.problems[0].initial.centre = ego;
     scenario.problems[0].initial.speed = 5.0;
     let blocked = |settings: &Settings| planned(&scenario, settings).cycles[0].blocked.len();
     assert!(
@@ -159,6 +162,7 @@ fn followers_are_found_on_the_lanelets_that_lead_here() {
     assert_eq!(blocked(&rear(RearTraffic::Yielding)), 0);
 }
 
+/// Settings with reachable sets around the traffic: accelerations in m/s², deviation in m.
 fn sets(mode: UncertaintyMode, longitudinal: f64, lateral: f64, max_lateral_deviation: f64) -> Settings {
     let mut settings = Settings::default();
     let u = &mut settings.planner.uncertainty;
@@ -166,37 +170,37 @@ fn sets(mode: UncertaintyMode, longitudinal: f64, lateral: f64, max_lateral_devi
     settings
 }
 
-/// Comes to our lane after 6 s, when we have long passed; 3 m/s² more, and it is there with us.
+/// A vehicle that reaches the lane after 6 s, when the ego vehicle has passed. With 3 m/s² more, both meet.
 fn crosser() -> Obstacle {
     car(60, &[(0.0, 35.0, -35.0), (20.0, 35.0, 65.0)])
 }
 
-/// Where the committed plan comes to rest, x in the frame of the map as it is.
-fn rest(run: &Run) -> Point {
+/// Position of the standstill at the end of the committed plan.
+fn standstill(run: &Run) -> Point {
     let plan = &run.cycles[0].committed;
     plan.path.at(plan.profile.last().station).pose.position
 }
 
 #[test]
-fn a_gap_that_closes_if_the_crosser_hurries_is_not_taken_where_sets_are_asked_for() {
+fn robust_plan_stops_before_a_gap_that_may_close() {
     let scenario = road(vec![crosser()]);
     let off = planned(&scenario, &Settings::default());
-    assert!(rest(&off).x > 38.0 && !off.cycles[0].is_robust);
+    assert!(standstill(&off).x > 38.0 && !off.cycles[0].is_robust);
     for mode in [UncertaintyMode::Preferred, UncertaintyMode::Required] {
         let run = planned(&scenario, &sets(mode, 3.0, 0.2, 0.5));
         assert_eq!(run.outcome, Outcome::Planned);
         assert!(run.cycles[0].is_robust);
-        assert!(rest(&run).x < 33.0, "rests at {}", rest(&run));
-        // one that is bound to its prediction closely enough is passed as before
+        assert!(standstill(&run).x < 33.0, "stops at {}", standstill(&run));
+        // a sufficiently small set leaves the gap open
         let run = planned(&scenario, &sets(mode, 0.1, 0.02, 0.5));
-        assert!(run.cycles[0].is_robust && rest(&run).x > 38.0, "rests at {}", rest(&run));
+        assert!(run.cycles[0].is_robust && standstill(&run).x > 38.0, "stops at {}", standstill(&run));
     }
 }
 
 #[test]
-fn where_no_rest_is_out_of_reach_the_prediction_counts_or_nothing_does() {
+fn without_a_robust_stop_preferred_uses_the_prediction_and_required_finds_no_plan() {
     let scenario = road(vec![crosser()]);
-    // 2 m/s² across for 20 s are 400 m
+    // 2 m/s² laterally for 20 s reaches 400 m
     let off = planned(&scenario, &Settings::default());
     let preferred = planned(&scenario, &sets(UncertaintyMode::Preferred, 2.0, 2.0, f64::INFINITY));
     assert_eq!(preferred.outcome, Outcome::Planned);
@@ -208,39 +212,40 @@ fn where_no_rest_is_out_of_reach_the_prediction_counts_or_nothing_does() {
 }
 
 #[test]
-fn bounds_of_zero_and_an_empty_road_prove_what_they_prove_without() {
+fn empty_sets_and_an_empty_road_do_not_change_the_plan() {
     for scenario in [road(vec![crosser()]), road(vec![])] {
         let off = planned(&scenario, &Settings::default());
         let run = planned(&scenario, &sets(UncertaintyMode::Preferred, 0.0, 0.0, 0.0));
         assert!(run.cycles[0].is_robust);
-        assert_eq!(told(&run.cycles[0]), told(&off.cycles[0]));
+        assert_eq!(deterministic(&run.cycles[0]), deterministic(&off.cycles[0]));
     }
 }
 
-/// A whole run: plans that wait or pass are proven in every cycle, and nobody is touched.
+/// In a whole run, at least 90 % of the cycles have a robust plan, and the run reaches its goal.
 #[test]
-fn runs_against_sets_end_without_contact_and_say_how_often_they_were_proven() {
+fn runs_with_reachable_sets_reach_the_goal_with_robust_plans() {
     for motion in TWINS {
         let scenario = motion.scenario(&road(vec![car(60, &[(0.0, 60.0, -50.0), (20.0, 60.0, 50.0)])]));
         let settings = sets(UncertaintyMode::Preferred, 1.0, 0.2, 0.5);
         let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
         let proven = run.cycles.iter().filter(|c| c.is_robust).count();
-        println!("{} of {} cycles proven against the set, {}", proven, run.cycles.len(), run.outcome.name());
+        println!("{} of {} cycles robust, {}", proven, run.cycles.len(), run.outcome.name());
         assert!(proven * 10 >= run.cycles.len() * 9);
         assert_eq!(run.outcome, Outcome::GoalReached);
     }
 }
 
-/// A plan that creeps until the region ahead has cleared is no reason to leave a stop a metre before it.
+/// With reachable sets around the traffic, a plan may creep until the region ahead is clear. The vehicle still stops
+/// where it planned to.
 #[test]
-fn stops_are_made_where_they_were_meant_with_sets_around_the_traffic() {
+fn runs_with_reachable_sets_pass_all_checks_but_stop_needed() {
     for map in ["lead_brakes_hard", "pedestrian"] {
         let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("maps/{map}.xml"));
         let scenario = stopline::io::commonroad::read_file(&file).unwrap();
         for mode in [UncertaintyMode::Preferred, UncertaintyMode::Required] {
             let settings = sets(mode, 1.0, 0.2, 0.5);
             let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
-            // waiting for a region that nobody is in any more costs the goal, and is told as such; it is no wrong stop
+            // `stop_needed` fails, because the vehicle waits for a region that is empty by then
             let wrong: Vec<_> = run.verdict.failures().filter(|c| c.name != "stop_needed").collect();
             assert!(wrong.is_empty(), "{map}, {mode:?}: {wrong:?}");
         }

@@ -1,8 +1,9 @@
-//! Candidate edges a second: the cubic spiral by Newton's method, and its swept footprint against 100 static obstacles
-//! beside a two-lane road and against the road's boundary.
+//! Candidate edges per second: cubic spirals by Newton's method, and their swept footprints against the road boundary
+//! and 100 static obstacles beside a two-lane road.
 //!
-//! The edges are a lattice's: between nodes of a winding road's own and neighbouring lane, 10 to 40 m apart, with
-//! headings and curvatures of the road. The obstacles are parked cars on both sides, some of which reach into a lane.
+//! The edges are those of a lattice: between nodes on the ego lane and the adjacent lane of a winding road, 10 to 40 m
+//! apart, with headings and curvatures of the road. The obstacles are parked cars on both sides; some of them protrude
+//! into a lane.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,13 +14,13 @@ use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::{CubicSpiral, connect};
 use stopline::geometry::{Pose, wrap_angle};
 
-/// Edges asked for; some have no spiral.
+/// Number of requested edges. Some have no spiral.
 const EDGES: usize = 4000;
 const OBSTACLES: i64 = 100;
-/// Cost terms look this far for obstacles, m: the default of the lattice.
+/// Clearance up to which cost terms consider obstacles, m: the default of the lattice.
 const DESIRED_CLEARANCE: f64 = 0.8;
 
-/// Numbers in [0, 1) from a seed: xorshift64* (Vigna 2016).
+/// Random numbers in [0, 1) from a seed: xorshift64* (Vigna, 2016).
 struct Random(u64);
 
 impl Random {
@@ -35,7 +36,8 @@ impl Random {
     }
 }
 
-/// The middle of the right lane: heading 45° and a sine of 0.2 rad about it, as `road` has it, integrated.
+/// Pose and curvature at an offset `l` from the centre of the right lane. The heading is that of `road`: 45° plus a
+/// sine of 0.2 rad.
 fn node(s: f64, l: f64) -> (Pose, f64) {
     const STEP: f64 = 0.1;
     let yaw = |s: f64| 0.785 + 0.2 * (s / 30.0).sin();
@@ -53,7 +55,7 @@ fn world() -> CollisionWorld {
     let mut random = Random(7);
     let obstacles = (0..OBSTACLES).map(|id| {
         let left = id % 2 == 0;
-        // a tenth reaches into a lane; the rest stands clear of it by up to three metres
+        // a tenth protrudes into a lane; the others keep a distance of up to three metres
         let inside = random.next() < 0.1;
         let gap = if inside { random.within(-1.0, 0.0) } else { random.within(0.3, 3.0) };
         let l = if left { 5.25 + 0.9 + gap } else { -1.75 - 0.9 - gap };
@@ -67,7 +69,7 @@ fn world() -> CollisionWorld {
     CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 1.0).unwrap()
 }
 
-/// A boundary-value problem: where it starts, start curvature, end in the start's frame, end curvature.
+/// A boundary-value problem: start pose, start curvature, end pose in the start frame, end curvature.
 type Problem = (Pose, f64, Pose, f64);
 
 fn problems() -> Vec<Problem> {
@@ -75,7 +77,7 @@ fn problems() -> Vec<Problem> {
     let problem = |_| {
         let (s, ahead) = (random.within(5.0, 190.0), random.within(10.0, 40.0));
         let from = random.within(-0.7, 4.2);
-        // no steeper than the lattice's edges
+        // limits the slope to that of lattice edges
         let to = random.within(-0.8, 4.3).clamp(from - 0.25 * ahead, from + 0.25 * ahead);
         let ((start, k0), (end, k1)) = (node(s, from), node(s + ahead, to));
         let local = Pose { position: start.to_local(end.position), yaw: wrap_angle(end.yaw - start.yaw) };
@@ -88,7 +90,7 @@ fn solve(p: &Problem) -> Option<CubicSpiral> {
     connect(p.1, &p.2, p.3).ok()
 }
 
-/// Items a second: for each chunk the best of some runs, so that what else the machine does disturbs little.
+/// Items per second. The shortest of several runs counts for each chunk, because other processes only prolong a run.
 fn rate<T>(items: &[T], work: impl Fn(&T)) -> f64 {
     const RUNS: usize = 30;
     const CHUNK: usize = 100;
@@ -103,7 +105,7 @@ fn rate<T>(items: &[T], work: impl Fn(&T)) -> f64 {
     items.len() as f64 / items.chunks(CHUNK).map(best).sum::<f64>()
 }
 
-/// Measures and prints.
+/// Prints the rates.
 pub(crate) fn print() {
     let (world, problems) = (world(), problems());
     let spirals: Vec<(Pose, CubicSpiral)> = problems.iter().filter_map(|p| Some((p.0, solve(p)?))).collect();

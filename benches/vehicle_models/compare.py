@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The physics rig against the single-track and multi-body models of commonroad-vehicle-models.
+"""Compares the vehicle simulation with the single-track and multi-body models of commonroad-vehicle-models.
 
 See README.md beside this file. All quantities in SI units, at the centre of mass.
 """
@@ -20,10 +20,10 @@ from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
 ROOT = Path(__file__).resolve().parents[2]
 VEHICLES = {1: ("ford_escort", parameters_vehicle1), 2: ("bmw_320i", parameters_vehicle2)}
-MANOEUVRES = ["step_steer", "ramp_steer", "slalom", "brake_in_turn"]
+MANEUVERS = ["step_steer", "ramp_steer", "slalom", "brake_in_turn"]
 SIGNALS = ["yaw_rate_radps", "lateral_acceleration_mps2", "speed_mps", "x_m", "y_m"]
-TICK = 0.01  # s, over which inputs are constant
-STEP = 0.0005  # s, of the integration
+TICK = 0.01  # s, time over which inputs are constant
+STEP = 0.0005  # s, integration step
 EVERY = 5  # ticks between rows of the reference
 
 
@@ -34,7 +34,7 @@ def read(path):
 
 
 def simulate(dynamics, start, parameters, inputs, observe, step):
-    """States at each tick; `observe` makes the signals of a state and its derivative."""
+    """Signals at each tick; `observe` computes them from a state and its derivative."""
     state, out = np.array(start, dtype=float), []
     steps = round(TICK / step)
 
@@ -63,10 +63,10 @@ def observe_mb(x, dx):
     return x[5], dx[10] + x[5] * x[3], x[3], x[0], x[1]
 
 
-def reference(parameters, rig, step=STEP):
-    """What the reference models drive with the rig's inputs."""
-    core = [0.0, 0.0, 0.0, rig["speed_mps"][0], 0.0, 0.0, 0.0]
-    inputs = list(zip(rig["steering_rate_radps"], rig["acceleration_mps2"]))
+def reference(parameters, sim, step=STEP):
+    """Motion of the reference models under the simulation's inputs."""
+    core = [0.0, 0.0, 0.0, sim["speed_mps"][0], 0.0, 0.0, 0.0]
+    inputs = list(zip(sim["steering_rate_radps"], sim["acceleration_mps2"]))
     return {
         "st": simulate(vehicle_dynamics_st, init_st(core), parameters, inputs, observe_st, step),
         "mb": simulate(vehicle_dynamics_mb, init_mb(core, parameters), parameters, inputs, observe_mb, step),
@@ -78,26 +78,27 @@ def rms(values):
 
 
 def share(a, b, key):
-    """RMS of the difference over the RMS of the second one, percent."""
+    """RMS of the difference over the RMS of the second signal, percent."""
     return 100.0 * rms(a[key] - b[key]) / rms(b[key])
 
 
-def apart(a, b):
+def largest_distance(a, b):
     return float(np.max(np.hypot(a["x_m"] - b["x_m"], a["y_m"] - b["y_m"])))
 
 
 COLUMNS = [
-    "vehicle", "manoeuvre", "yaw rate: rig to ST, %", "rig to MB, %", "ST to MB, %",
-    "lateral acceleration: rig to ST, %", "rig to MB, %", "ST to MB, %",
-    "furthest apart: rig to ST, m", "rig to MB, m", "ST to MB, m", "way, m",
+    "vehicle", "maneuver", "yaw rate: simulation to ST, %", "simulation to MB, %", "ST to MB, %",
+    "lateral acceleration: simulation to ST, %", "simulation to MB, %", "ST to MB, %",
+    "largest distance: simulation to ST, m", "simulation to MB, m", "ST to MB, m", "distance driven, m",
 ]
 
 
-def row_of(name, manoeuvre, rig, st, mb):
-    pairs = [(rig, st), (rig, mb), (st, mb)]
-    way = float(np.sum(np.hypot(np.diff(rig["x_m"]), np.diff(rig["y_m"]))))
-    values = [share(a, b, key) for key in SIGNALS[:2] for a, b in pairs] + [apart(a, b) for a, b in pairs] + [way]
-    return [name, manoeuvre.replace("_", " ")] + [f"{value:.2f}" for value in values]
+def row_of(name, maneuver, sim, st, mb):
+    pairs = [(sim, st), (sim, mb), (st, mb)]
+    distance = float(np.sum(np.hypot(np.diff(sim["x_m"]), np.diff(sim["y_m"]))))
+    shares = [share(a, b, key) for key in SIGNALS[:2] for a, b in pairs]
+    values = shares + [largest_distance(a, b) for a, b in pairs] + [distance]
+    return [name, maneuver.replace("_", " ")] + [f"{value:.2f}" for value in values]
 
 
 def write_table(folder, rows):
@@ -109,17 +110,17 @@ def write_reference(path, runs):
     with open(path, "w", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
         keys = [f"{model}_{key}" for model in ("st", "mb") for key in ("yaw_rate", "lateral_acceleration", "x", "y")]
-        out.writerow(["vehicle", "manoeuvre", "tick", *keys])
-        for (number, manoeuvre), (rig, models) in runs.items():
-            for tick in range(0, len(rig["time_s"]), EVERY):
+        out.writerow(["vehicle", "maneuver", "tick", *keys])
+        for (number, maneuver), (sim, models) in runs.items():
+            for tick in range(0, len(sim["time_s"]), EVERY):
                 columns = [("yaw_rate_radps", 5), ("lateral_acceleration_mps2", 4), ("x_m", 3), ("y_m", 3)]
                 values = [f"{models[m][key][tick] + 0.0:.{digits}f}" for m in ("st", "mb") for key, digits in columns]
-                out.writerow([number, manoeuvre, tick, *values])
+                out.writerow([number, maneuver, tick, *values])
 
 
-# pictures
+# Pictures.
 
-LINES = [("rig", "#1a1a1a", "1.6", ""), ("ST", "#0072b2", "1.4", "6 3"), ("MB", "#d55e00", "1.4", "2 2")]
+LINES = [("simulation", "#1a1a1a", "1.6", ""), ("ST", "#0072b2", "1.4", "6 3"), ("MB", "#d55e00", "1.4", "2 2")]
 PANELS = [("yaw_rate_radps", "yaw rate, rad/s"), ("lateral_acceleration_mps2", "lateral acceleration, m/s²")]
 WIDTH, HEIGHT, LEFT, TOP, GAP = 235, 150, 62, 44, 46
 
@@ -162,21 +163,21 @@ def panel(x, y, time, series, title, label):
 
 
 def picture(path, name, runs):
-    total_width = LEFT + len(MANOEUVRES) * (WIDTH + GAP)
+    total_width = LEFT + len(MANEUVERS) * (WIDTH + GAP)
     total_height = TOP + 2 * (HEIGHT + GAP) + 20
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total_width} {total_height}" '
         'font-family="sans-serif" font-size="11" fill="#333">',
-        f"<title>{name}: the rig and CommonRoad's single-track (ST) and multi-body (MB) models</title>",
+        f"<title>{name}: the simulation and CommonRoad's single-track (ST) and multi-body (MB) models</title>",
         f'<rect width="{total_width}" height="{total_height}" fill="white"/>',
     ]
-    for column, manoeuvre in enumerate(MANOEUVRES):
-        rig, models = runs[manoeuvre]
+    for column, maneuver in enumerate(MANEUVERS):
+        sim, models = runs[maneuver]
         for line, (key, label) in enumerate(PANELS):
-            series = [rig[key], models["st"][key], models["mb"][key]]
+            series = [sim[key], models["st"][key], models["mb"][key]]
             x, y = LEFT + column * (WIDTH + GAP), TOP + line * (HEIGHT + GAP)
-            title = manoeuvre.replace("_", " ") if line == 0 else ""
-            out += panel(x, y, rig["time_s"], series, title, label if column == 0 else "")
+            title = maneuver.replace("_", " ") if line == 0 else ""
+            out += panel(x, y, sim["time_s"], series, title, label if column == 0 else "")
     bottom = total_height - 12
     for i, (label, colour, width, dashes) in enumerate(LINES):
         x = LEFT + 110 * i
@@ -189,31 +190,32 @@ def picture(path, name, runs):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--manoeuvres", default=ROOT / "target/release/examples/manoeuvres", type=Path,
+    parser.add_argument("--maneuvers", default=ROOT / "target/release/examples/maneuvers", type=Path,
                         help="the built example")
-    parser.add_argument("--check-step", action="store_true", help="only say what halving the integration step changes")
+    parser.add_argument("--check-step", action="store_true",
+                        help="only print the effect of halving the integration step")
     arguments = parser.parse_args()
     runs = {}
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([arguments.manoeuvres, folder], check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([arguments.maneuvers, folder], check=True, stdout=subprocess.DEVNULL)
         for number_, (name, parameters) in VEHICLES.items():
-            for manoeuvre in MANOEUVRES:
-                rig = read(Path(folder) / f"{number_}.{manoeuvre}.csv")
-                runs[number_, manoeuvre] = (rig, reference(parameters(), rig))
+            for maneuver in MANEUVERS:
+                sim = read(Path(folder) / f"{number_}.{maneuver}.csv")
+                runs[number_, maneuver] = (sim, reference(parameters(), sim))
                 if arguments.check_step:
-                    finer = reference(parameters(), rig, 0.5 * STEP)
-                    models = runs[number_, manoeuvre][1]
+                    finer = reference(parameters(), sim, 0.5 * STEP)
+                    models = runs[number_, maneuver][1]
                     change = max(np.max(np.abs(models[m]["yaw_rate_radps"] - finer[m]["yaw_rate_radps"])) for m in finer)
-                    print(f"{name} {manoeuvre}: {change:.1e} rad/s")
+                    print(f"{name} {maneuver}: {change:.1e} rad/s")
     if arguments.check_step:
         return
     docs = ROOT / "docs/physics"
     docs.mkdir(parents=True, exist_ok=True)
-    rows = [row_of(VEHICLES[v][0], m, rig, models["st"], models["mb"]) for (v, m), (rig, models) in runs.items()]
+    rows = [row_of(VEHICLES[v][0], m, sim, models["st"], models["mb"]) for (v, m), (sim, models) in runs.items()]
     write_table(docs, rows)
     write_reference(Path(__file__).parent / "reference.csv", runs)
     for number_, (name, _) in VEHICLES.items():
-        picture(docs / f"{name}.svg", name, {m: runs[number_, m] for m in MANOEUVRES})
+        picture(docs / f"{name}.svg", name, {m: runs[number_, m] for m in MANEUVERS})
     print("\n".join("| " + " | ".join(row) + " |" for row in [COLUMNS, *rows]))
 
 

@@ -1,8 +1,7 @@
-//! Comparisons that the program can repeat anywhere: `stopline bench`.
+//! Reproducible comparisons of methods: `stopline bench`.
 //!
-//! Each comparison is a module that makes its problems from a seed, measures, and returns plain figures; printing them is
-//! the command line's. What a measurement finds is the same on every machine and in every repetition. What it took is in
-//! fields named `time`, read from the wall clock, and nothing else depends on them.
+//! Each comparison is a module that generates its problems, runs all methods and returns metrics; `cli::bench` prints
+//! them. All metrics are deterministic except the fields named `time`, which contain wall-clock times.
 
 pub mod problems;
 pub mod safetlp;
@@ -10,56 +9,56 @@ pub mod spirals;
 
 use std::time::Instant;
 
-/// Wall-clock times of one problem each, µs.
+/// Distribution of the wall-clock time per problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Times {
-    /// Half of the problems took no longer.
+    /// Median, µs.
     pub median_us: f64,
-    /// Ninety-nine in a hundred took no longer.
+    /// 99th percentile, µs.
     pub p99_us: f64,
 }
 
-/// Something promised, with its figure.
+/// A check of one metric against its limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Check {
     /// Stable name.
     pub name: &'static str,
-    /// Whether it held.
+    /// Whether the check passes.
     pub pass: bool,
-    /// The figure.
+    /// Value of the metric.
     pub value: f64,
-    /// What it may be.
+    /// Limit of the value.
     pub limit: f64,
-    /// Unit of both.
+    /// Unit of value and limit.
     pub unit: &'static str,
 }
 
-/// Runs of a problem, of which the shortest counts: what the machine did in between is not the method's.
+/// Runs per problem. The shortest time counts, because other processes only prolong a run.
 const RUNS: usize = 3;
 
-/// What `solve` returns for each problem, one after the other on this thread, and what it took. `watch` hears after each
-/// problem how many are done, outside of what is timed.
-fn timed<P, A>(problems: &[P], solve: impl Fn(&P) -> A, watch: &mut dyn FnMut(usize)) -> (Vec<A>, Times) {
+/// Solves all problems one after the other on this thread. Returns the answers and the times. Calls `progress` with the
+/// number of finished problems after each one, outside the timed section.
+fn timed<P, A>(problems: &[P], solve: impl Fn(&P) -> A, progress: &mut dyn FnMut(usize)) -> (Vec<A>, Times) {
     let mut seconds = Vec::with_capacity(problems.len());
     let mut answers = Vec::with_capacity(problems.len());
     for problem in problems {
         let mut shortest = f64::INFINITY;
         for run in 0..RUNS {
-            let begun = Instant::now();
+            let start = Instant::now();
             let answer = std::hint::black_box(solve(std::hint::black_box(problem)));
-            shortest = shortest.min(begun.elapsed().as_secs_f64());
+            shortest = shortest.min(start.elapsed().as_secs_f64());
             if run == 0 {
                 answers.push(answer);
             }
         }
         seconds.push(shortest);
-        watch(seconds.len());
+        progress(seconds.len());
     }
     seconds.sort_by(f64::total_cmp);
     (answers, Times { median_us: 1e6 * quantile(&seconds, 0.5), p99_us: 1e6 * quantile(&seconds, 0.99) })
 }
 
-/// The smallest value that a share of all does not exceed (nearest rank); 0 of nothing.
+/// Quantile of sorted values by the nearest-rank method; 0 for an empty slice.
 pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a share of a count
     let rank = (share * sorted.len() as f64).ceil() as usize;
@@ -78,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn every_problem_is_answered_once_and_in_order() {
+    fn answers_every_problem_once_in_order() {
         let (answers, times) = timed(&[3, 1, 2], |p| 10 * p, &mut |_| {});
         assert_eq!(answers, [30, 10, 20]);
         assert!(times.median_us >= 0.0 && times.p99_us >= times.median_us);

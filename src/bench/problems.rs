@@ -1,26 +1,26 @@
-//! Random lattice problems, the same wherever they are asked for: this program's comparisons, benches and tests.
+//! Reproducible random lattice problems for comparisons, benches and tests.
 
 use crate::geometry::Pose;
 
-/// The seed whose problems the published figures are about.
+/// Seed of the problems in the documentation.
 pub const SEED: u64 = 7;
-/// How many of them.
+/// Number of problems in the documentation.
 pub const COUNT: usize = 2000;
 
-/// A path to find: from the origin with heading 0 to `end`, with the curvatures at both ends.
+/// A boundary-value problem: a path from the origin with heading 0 to `end`, with given curvatures at both ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LatticeProblem {
     /// Curvature at the start, 1/m.
     pub start_curvature: f64,
-    /// Pose of the end in the start's frame.
+    /// Pose of the end in the start frame.
     pub end: Pose,
     /// Curvature at the end, 1/m.
     pub end_curvature: f64,
 }
 
-/// Problems as a lattice on a road has them, evenly distributed: 10…40 m ahead, ±8 m across, ±0.5 rad, curvatures at both
-/// ends within ±0.1 1/m. The first `n` of a seed are the same for every count. Generator: splitmix64 (Steele, Lea & Flood
-/// 2014), seeded with `seed`.
+/// Uniformly distributed problems in the range of a lattice on a road: 10…40 m longitudinally, ±8 m laterally, ±0.5
+/// rad, ±0.1 1/m of curvature at both ends. The first `n` problems of a seed do not depend on `count`. Generator:
+/// splitmix64 (Steele, Lea and Flood, 2014).
 #[must_use]
 pub fn lattice_problems(seed: u64, count: usize) -> Vec<LatticeProblem> {
     let mut state = seed;
@@ -43,25 +43,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn problems_stay_what_they_were() {
+    fn problems_of_a_seed_never_change() {
         let problems = lattice_problems(SEED, 3);
-        let kept = [
+        let expected = [
             (0.016586058605615614, (21.694892451738145, -7.731387287549502, 0.4007606806068834), -0.009511620997706333),
             (-0.07314834023831028, (17.4829456684823, -0.5127519324340248, -0.1719232608474971), -0.01737172051644413),
             (0.07426635197534878, (13.106798420350355, 7.357985225169465, 0.41801958514613236), 0.07280153245871976),
         ];
-        let kept = kept.map(|(start_curvature, (x, y, yaw), end_curvature)| LatticeProblem {
+        let expected = expected.map(|(start_curvature, (x, y, yaw), end_curvature)| LatticeProblem {
             start_curvature,
             end: Pose::new(x, y, yaw),
             end_curvature,
         });
-        assert_eq!(problems, kept);
+        assert_eq!(problems, expected);
         assert_eq!(lattice_problems(SEED, 2), problems[..2]);
         assert_ne!(lattice_problems(8, 3), problems);
     }
 
     #[test]
-    fn problems_fill_their_ranges_and_nothing_beyond() {
+    fn problems_fill_their_ranges() {
         let problems = lattice_problems(1, 5000);
         /// A quantity with its range.
         type Field = (fn(&LatticeProblem) -> f64, f64, f64);

@@ -1,4 +1,4 @@
-//! Runs a job: the only file of the command line that knows planner, physics, verdict and pictures.
+//! Runs a job. The only file of the command line that knows planner, simulation, verdict and pictures.
 
 use std::path::Path;
 
@@ -8,26 +8,27 @@ use super::job::{Job, Kind};
 use super::{Failure, progress, say};
 use crate::drive::{self, Run};
 use crate::io::{csv, files, solution};
-use crate::result::{self, RunResult, json};
+use crate::result::{self, RunResult};
 
 pub(super) use crate::drive::Settings;
 
-/// What a run comes to.
+/// Result of a run.
 pub(super) struct Summary {
     pub(super) result: RunResult,
-    /// Deviation of the solution from what was driven, m, if one is asked for.
+    /// The CommonRoad solution, if one is asked for and the vehicle has a type there.
     pub(super) solution: Option<Solution>,
-    /// The result with all that is asked for, times included.
+    /// The JSON to write: the result with clock times and the optional parts.
     pub(super) json: serde_json::Value,
 }
 
-/// The solution file and how far it is from what was driven.
+/// A CommonRoad solution.
 pub(super) struct Solution {
     pub(super) xml: String,
+    /// Largest distance between the solution and the simulated (or planned) positions, m.
     pub(super) max_deviation_m: f64,
 }
 
-/// MotionPlanner or drives, with a progress bar if somebody watches.
+/// Plans or drives, with a progress bar on a terminal.
 pub(super) fn execute(job: &Job) -> Result<Run<'_>, Failure> {
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = job.threads {
@@ -52,45 +53,45 @@ fn show(bar: &ProgressBar, time: f64, end: f64) {
     bar.set_message(format!("{time:.1} s of at most {end:.1} s"));
 }
 
-/// Everything that is said of a run.
+/// The result of a run, with everything that its outputs need.
 pub(super) fn result_of(job: &Job, run: &Run) -> Summary {
     let result = RunResult::new(job.kind, run, &job.settings, job.seed);
-    let solution = job.outputs.solution.is_some().then(|| fitted(job, run)).flatten();
-    let mut told = result.json.clone();
-    json::add_times(&mut told, &result.planning);
+    let solution = job.outputs.solution.is_some().then(|| fitted_solution(job, run)).flatten();
+    let mut json = result.json.clone();
+    result::json::add_times(&mut json, &result.planning);
     if job.outputs.json_cycles {
-        told.insert("cycles".into(), run.cycles.iter().map(json::cycle).collect());
+        json.insert("cycles".into(), run.cycles.iter().map(result::json::cycle).collect());
     }
     if let Some(solution) = &solution {
-        told.insert("solution".into(), serde_json::json!({ "max_deviation_m": solution.max_deviation_m }));
+        json.insert("solution".into(), serde_json::json!({ "max_deviation_m": solution.max_deviation_m }));
     }
-    Summary { result, solution, json: told.into() }
+    Summary { result, solution, json: json.into() }
 }
 
-fn fitted(job: &Job, run: &Run) -> Option<Solution> {
-    /// Times of steps are products: allow their rounding.
+fn fitted_solution(job: &Job, run: &Run) -> Option<Solution> {
+    /// Rounding of the times of steps, in steps.
     const SLACK: f64 = 1e-6;
     let log = result::driven(job.kind, run);
     let end = log.samples.last().map_or(0.0, |s| s.time);
-    #[allow(clippy::cast_possible_truncation)] // a run of seconds
+    #[allow(clippy::cast_possible_truncation)] // a number of steps
     let last_step = (end / run.scenario.time_step + SLACK).floor() as i64;
     let fit = solution::fit(run.scenario, run.problem, run.vehicle, &log, last_step);
     let xml = solution::to_xml(run.scenario, run.problem, run.vehicle, &fit)?;
     Some(Solution { xml, max_deviation_m: fit.max_deviation_m })
 }
 
-/// Writes the files that are asked for. A recording that fails does not fail the run.
-pub(super) fn write_outputs(job: &Job, run: &Run, result: &Summary) -> Result<(), Failure> {
+/// Writes the output files. A recording that cannot be written is a warning.
+pub(super) fn write_outputs(job: &Job, run: &Run, summary: &Summary) -> Result<(), Failure> {
     let write = |path: &Option<std::path::PathBuf>, text: &dyn Fn() -> String| match path {
         Some(path) => files::write_atomic(path, text().as_bytes()).map_err(Failure::file),
         None => Ok(()),
     };
     let outputs = &job.outputs;
     if !outputs.json_on_stdout() {
-        write(&outputs.json, &|| json::text(&result.json))?;
+        write(&outputs.json, &|| result::json::text(&summary.json))?;
     }
     write(&outputs.csv, &|| csv::log_to_csv(&result::driven(job.kind, run)))?;
-    if let Some(solution) = &result.solution {
+    if let Some(solution) = &summary.solution {
         write(&outputs.solution, &|| solution.xml.clone())?;
     }
     write(&outputs.svg, &|| crate::plot::run_svg(run))?;
@@ -107,7 +108,7 @@ fn record(run: &Run, path: &Path) {
     }
 }
 
-/// Refused before the run starts.
+/// The job refuses `--rrd` in such a build.
 #[cfg(not(feature = "rerun"))]
 fn record(_: &Run, path: &Path) {
     say(&format!("warning: {}: not written: no recordings in this build", path.display()));

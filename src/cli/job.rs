@@ -1,21 +1,25 @@
-//! A job: what was typed, resolved and checked. Once it exists, only the program itself can fail.
+//! A job: arguments resolved, inputs read and checked, outputs known to be writable. Once a job exists, only a fault of the
+//! program can stop it.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use super::Failure;
-use super::args::{FallbackInterval, RunArgs};
+use super::args::{DriveArgs, FallbackInterval, Friction, InputArgs, OutputArgs, PlanArgs};
 use super::engine::Settings;
+use super::{Failure, number};
+use crate::drive::SettingsError;
+use crate::io::kind::FileKind;
+use crate::io::settings_file::nearest;
 use crate::io::{commonroad, files, ros_map, settings_file};
 use crate::map::{PlanningProblem, Scenario};
 pub(super) use crate::result::Kind;
 use crate::simulation;
-use crate::vehicle::{self, Vehicle};
-use crate::verdict::ComfortPreset;
+use crate::vehicle::{self, Vehicle, VehicleError};
 
-/// Everything needed to run, read and checked.
+/// Everything that a run needs, read and checked.
 pub(super) struct Job {
     pub(super) kind: Kind,
-    /// The scenario's file, for messages.
+    /// Name of the scenario's file, for messages.
     pub(super) file: PathBuf,
     pub(super) scenario: Scenario,
     /// Index of the planning problem.
@@ -33,7 +37,7 @@ pub(super) struct Job {
 pub(super) struct Outputs {
     /// `-` is stdout.
     pub(super) json: Option<PathBuf>,
-    /// Whether the JSON tells every planning cycle.
+    /// Whether the JSON lists every planning cycle.
     pub(super) json_cycles: bool,
     pub(super) csv: Option<PathBuf>,
     pub(super) solution: Option<PathBuf>,
@@ -42,41 +46,70 @@ pub(super) struct Outputs {
 }
 
 impl Job {
-    /// Reads the inputs and checks the outputs.
-    pub(super) fn new(kind: Kind, args: RunArgs) -> Result<Self, Failure> {
-        let mut inputs = vec![args.scenario.clone()];
-        inputs.extend(args.config.iter().chain(&args.grid).cloned());
-        let friction = args.friction.as_deref().map(Friction::of);
-        inputs.extend(friction.iter().filter_map(Friction::file));
+    /// Reads the inputs of a planning cycle and checks its outputs.
+    pub(super) fn plan(args: PlanArgs) -> Result<Self, Failure> {
+        Self::new(Kind::Plan, args.inputs, Outputs::new(&args.outputs, false), args.outputs.quiet, None, |_| Ok(()))
+    }
+
+    /// Reads the inputs of a drive and checks its outputs.
+    pub(super) fn drive(args: DriveArgs) -> Result<Self, Failure> {
+        let DriveArgs { inputs, outputs, json_cycles, friction, inject, seed, comfort, fallbacks } = args;
+        let file = friction.as_ref().and_then(Friction::file).map(Path::to_owned);
+        let change = |settings: &mut Settings| {
+            if let Some(friction) = friction {
+                apply_friction(friction, settings)?;
+            }
+            settings.verdict.comfort = comfort.unwrap_or(settings.verdict.comfort);
+            match fallbacks {
+                Some(FallbackInterval::Off) => settings.verdict.fallbacks.enabled = false,
+                Some(FallbackInterval::Seconds(interval)) => {
+                    settings.verdict.fallbacks.enabled = true;
+                    settings.verdict.fallbacks.interval = interval;
+                }
+                None => {}
+            }
+            for fault in &inject {
+                settings.faults.inject(fault).map_err(|e| Failure::Use(format!("--inject {fault}: {e}")))?;
+            }
+            settings.faults.seed = seed.unwrap_or(settings.faults.seed);
+            Ok(())
+        };
+        Self::new(Kind::Drive, inputs, Outputs::new(&outputs, json_cycles), outputs.quiet, file, change)
+    }
+
+    /// Reads the inputs, checks the outputs. Flags have priority over the settings file: `change` applies them.
+    fn new(
+        kind: Kind,
+        args: InputArgs,
+        outputs: Outputs,
+        quiet: bool,
+        friction: Option<PathBuf>,
+        change: impl FnOnce(&mut Settings) -> Result<(), Failure>,
+    ) -> Result<Self, Failure> {
+        let is_stdin = args.scenario == Path::new("-");
+        let mut inputs: Vec<PathBuf> = args.config.iter().chain(&args.grid).cloned().chain(friction).collect();
+        inputs.extend(Some(&args.scenario).filter(|_| !is_stdin).cloned());
         inputs.extend(args.grid.as_deref().and_then(ros_map::image_of));
         inputs.extend(vehicle::files_of(&args.vehicle));
-        let outputs = Outputs {
-            json: args.json,
-            json_cycles: args.json_cycles,
-            csv: args.csv,
-            solution: args.solution,
-            svg: args.svg,
-            rrd: args.rrd,
-        };
         outputs.check(&inputs)?;
-        let mut scenario = commonroad::read_file(&args.scenario).map_err(Failure::file)?;
-        if let Some(file) = &args.grid {
-            scenario.overlay(ros_map::read_file(file).map_err(Failure::file)?, &file.display().to_string());
-        }
-        let problem = choose(&scenario, args.problem, &args.scenario)?;
         let mut settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
-        if let Some(friction) = friction {
-            friction.apply(&mut settings)?;
-        }
-        apply(kind, (args.comfort, args.fallbacks), (&args.inject, args.seed), &mut settings)?;
-        let vehicle = vehicle::load(&args.vehicle).map_err(Failure::file)?;
+        change(&mut settings)?;
+        // each flag was in its range, so this cannot fail but for settings that exclude each other
+        settings.validate().map_err(|e| Failure::Use(setting(&e)))?;
+        let vehicle = vehicle::load(&args.vehicle).map_err(|e| wrong_vehicle(&args.vehicle, &e))?;
         if outputs.solution.is_some() && vehicle.commonroad_type.is_none() {
             let reason = format!("--solution needs a vehicle with a CommonRoad type; {} has none", vehicle.name);
             return Err(Failure::Use(reason));
         }
+        let (mut scenario, file) = if is_stdin { stdin()? } else { (scenario(&args.scenario)?, args.scenario) };
+        if let Some(file) = &args.grid {
+            let grid = ros_map::read_file(file).map_err(|e| Input::Grid.failure(file, &e))?;
+            scenario.overlay(grid, &file.display().to_string());
+        }
+        let problem = choose(&scenario, args.problem, &file)?;
         Ok(Self {
             kind,
-            file: args.scenario,
+            file,
             scenario,
             problem,
             vehicle,
@@ -84,7 +117,7 @@ impl Job {
             settings,
             threads: args.threads,
             outputs,
-            quiet: args.quiet,
+            quiet,
         })
     }
 
@@ -94,12 +127,96 @@ impl Job {
     }
 }
 
+/// An input that names a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Input {
+    Scenario,
+    Config,
+    Grid,
+    Friction,
+    Vehicle,
+}
+
+impl Input {
+    /// The flag, with a space after it; empty for the scenario, which has none.
+    fn flag(self) -> &'static str {
+        match self {
+            Self::Scenario => "",
+            Self::Config => "--config ",
+            Self::Grid => "--grid ",
+            Self::Friction => "--friction ",
+            Self::Vehicle => "--vehicle ",
+        }
+    }
+
+    fn reads(self, kind: FileKind) -> bool {
+        match self {
+            Self::Scenario => kind == FileKind::Scenario,
+            Self::Config => matches!(kind, FileKind::Settings | FileKind::FrictionPatches),
+            Self::Grid => kind == FileKind::OccupancyGrid,
+            Self::Friction => kind == FileKind::FrictionPatches,
+            Self::Vehicle => matches!(kind, FileKind::Urdf | FileKind::Dynamics | FileKind::VehicleFolder),
+        }
+    }
+
+    fn expected(self) -> &'static str {
+        match self {
+            Self::Scenario => "a CommonRoad scenario",
+            Self::Config => "settings in TOML",
+            Self::Grid => "the YAML file of an occupancy grid",
+            Self::Friction => "a TOML file of [[friction]] tables",
+            Self::Vehicle => "a built-in name, or a folder with vehicle.urdf and dynamics.toml",
+        }
+    }
+
+    /// The failure of a reader. A file of another kind is named, with the flag or command that reads it.
+    fn failure(self, file: &Path, error: &dyn std::fmt::Display) -> Failure {
+        match FileKind::of(file) {
+            Some(kind) => self.failure_of_kind(kind, file, error),
+            None => Failure::File(format!("{}{error}", self.flag())),
+        }
+    }
+
+    fn failure_of_kind(self, kind: FileKind, file: &Path, error: &dyn std::fmt::Display) -> Failure {
+        let flag = self.flag();
+        Failure::File(if self.reads(kind) {
+            format!("{flag}{error}")
+        } else {
+            format!("{flag}{}: this is {kind}, expected {}; {}", file.display(), self.expected(), kind.reader())
+        })
+    }
+}
+
+fn scenario(file: &Path) -> Result<Scenario, Failure> {
+    commonroad::read_file(file).map_err(|e| Input::Scenario.failure(file, &e))
+}
+
+/// Reads a scenario from standard input. The name stands for it in messages.
+fn stdin() -> Result<(Scenario, PathBuf), Failure> {
+    /// Largest scenario, bytes: as that of a file.
+    const MAX_BYTES: u64 = 256 << 20;
+    const NAME: &str = "<stdin>";
+    let mut bytes = Vec::new();
+    let read = std::io::stdin().lock().take(MAX_BYTES + 1).read_to_end(&mut bytes);
+    read.map_err(|e| Failure::File(format!("{NAME}: cannot be read: {e}")))?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(Failure::File(format!("{NAME}: larger than {MAX_BYTES} bytes, expected a scenario")));
+    }
+    let text = std::str::from_utf8(&bytes).map_err(|e| Failure::File(format!("{NAME}: not UTF-8 text: {e}")))?;
+    let scenario = commonroad::read_str(NAME, text).map_err(|e| match FileKind::of_bytes(Path::new(NAME), &bytes) {
+        Some(kind) => Input::Scenario.failure_of_kind(kind, Path::new(NAME), &e),
+        None => Failure::file(e),
+    })?;
+    Ok((scenario, NAME.into()))
+}
+
 /// Index of the problem with that id, or of the only one.
 fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Failure> {
     let ids = || scenario.problems.iter().map(|p| p.id.to_string()).collect::<Vec<_>>().join(", ");
     match id {
         Some(id) => scenario.problems.iter().position(|p| p.id == id).ok_or_else(|| {
-            Failure::File(format!("{}: has no planning problem {id}; it has {}", file.display(), ids()))
+            let name = file.display();
+            Failure::File(format!("--problem {id}: {name} has no planning problem {id}; it has {}", ids()))
         }),
         None if scenario.problems.len() == 1 => Ok(0),
         None => Err(Failure::File(format!(
@@ -110,91 +227,62 @@ fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Fa
     }
 }
 
-/// What was typed goes before what a file says.
-fn apply(
-    kind: Kind,
-    (comfort, fallbacks): (Option<ComfortPreset>, Option<FallbackInterval>),
-    (inject, seed): (&[String], Option<u64>),
-    settings: &mut Settings,
-) -> Result<(), Failure> {
-    let wrong = |what: &str| Failure::Use(what.to_owned());
-    if kind == Kind::Plan && !inject.is_empty() {
-        return Err(wrong("--inject: a plan is not driven, so nothing can go wrong with it"));
-    }
-    settings.verdict.comfort = comfort.unwrap_or(settings.verdict.comfort);
-    match fallbacks {
-        Some(FallbackInterval::Off) => settings.verdict.fallbacks.enabled = false,
-        Some(FallbackInterval::Seconds(interval)) => {
-            settings.verdict.fallbacks.enabled = true;
-            settings.verdict.fallbacks.interval = interval;
-        }
-        None => {}
-    }
-    for fault in inject {
-        settings.faults.inject(fault).map_err(|e| wrong(&format!("--inject: {e}")))?;
-    }
-    settings.faults.seed = seed.unwrap_or(settings.faults.seed);
-    settings.validate().map_err(|e| wrong(&e.to_string()))
+/// A vehicle that cannot be read. An unknown name gets the built-in name that it may stand for.
+fn wrong_vehicle(typed: &str, error: &VehicleError) -> Failure {
+    let VehicleError::Unknown { .. } = error else {
+        return Input::Vehicle.failure(Path::new(typed), &format!("{typed}: {error}"));
+    };
+    let names = vehicle::builtin_names();
+    let meant = nearest(&typed.to_lowercase(), names.iter().copied());
+    let hint = meant.map_or_else(String::new, |name| format!("; did you mean `{name}`?"));
+    Failure::File(format!(
+        "--vehicle {typed}: no such vehicle; expected one of {}, or a folder with vehicle.urdf and dynamics.toml{hint}",
+        names.join(", ")
+    ))
 }
 
 /// Reads settings from TOML and checks their ranges.
 fn settings(file: &Path) -> Result<Settings, Failure> {
-    let settings: Settings = read_toml(file)?;
-    settings.validate().map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
-    Ok(settings)
+    let settings: Settings = read_toml(Input::Config, file)?;
+    let wrong = |e| Failure::File(format!("--config {}: {}", file.display(), setting(&e)));
+    settings.validate().map(|()| settings).map_err(wrong)
 }
 
-fn read_toml<T: serde::de::DeserializeOwned>(file: &Path) -> Result<T, Failure> {
-    let text = settings_file::text(file).map_err(Failure::file)?;
-    settings_file::parse(file, &text).map_err(Failure::file)
+/// A setting out of its range, as one line.
+fn setting(error: &SettingsError) -> String {
+    let SettingsError { field, value, expected } = error;
+    format!("setting `{field}` is {}, it must be {expected}", number::exact(*value))
 }
 
-/// What `--friction` asks for.
-enum Friction {
-    Everywhere(f64),
-    Regions(PathBuf),
+fn read_toml<T: serde::de::DeserializeOwned>(input: Input, file: &Path) -> Result<T, Failure> {
+    let text = settings_file::text(file).map_err(|e| input.failure(file, &e))?;
+    settings_file::parse(file, &text).map_err(|e| input.failure(file, &e))
 }
 
-impl Friction {
-    fn of(text: &str) -> Self {
-        let factor = simulation::surface(text).or_else(|| text.parse().ok());
-        factor.map_or_else(|| Self::Regions(text.into()), Self::Everywhere)
+/// A factor is for the whole road and removes the settings' patches; patches replace those of the settings.
+fn apply_friction(friction: Friction, settings: &mut Settings) -> Result<(), Failure> {
+    #[derive(serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Patches {
+        friction: Vec<simulation::FrictionRegion>,
     }
-
-    fn file(&self) -> Option<PathBuf> {
-        match self {
-            Self::Everywhere(_) => None,
-            Self::Regions(file) => Some(file.clone()),
+    match friction {
+        Friction::Everywhere(factor) => {
+            settings.simulation.friction_scale = factor;
+            settings.friction.clear();
         }
-    }
-
-    /// Goes before what the settings say: a factor is for all of the road, without their patches; patches are instead of
-    /// theirs.
-    fn apply(self, settings: &mut Settings) -> Result<(), Failure> {
-        #[derive(serde::Deserialize)]
-        #[serde(deny_unknown_fields)]
-        struct Regions {
-            friction: Vec<simulation::FrictionRegion>,
-        }
-        match self {
-            Self::Everywhere(factor) => {
-                settings.simulation.friction_scale = factor;
-                settings.friction.clear();
-                settings.validate().map_err(|e| Failure::Use(format!("--friction: {e}")))
+        Friction::Patches(file) => {
+            let patches = read_toml::<Patches>(Input::Friction, &file)?.friction;
+            for (index, patch) in patches.iter().enumerate() {
+                patch.validate(index).map_err(|e| Failure::File(format!("--friction {}: {e}", file.display())))?;
             }
-            Self::Regions(file) => {
-                let regions = read_toml::<Regions>(&file)?.friction;
-                for (index, region) in regions.iter().enumerate() {
-                    region.validate(index).map_err(|e| Failure::File(format!("{}: {e}", file.display())))?;
-                }
-                settings.friction = regions;
-                Ok(())
-            }
+            settings.friction = patches;
         }
     }
+    Ok(())
 }
 
-/// One name for one file, also where the file does not exist yet.
+/// One name for one file, also if the file does not exist yet.
 fn real(path: &Path) -> PathBuf {
     let in_real_folder = || {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -204,15 +292,27 @@ fn real(path: &Path) -> PathBuf {
 }
 
 impl Outputs {
+    fn new(args: &OutputArgs, json_cycles: bool) -> Self {
+        let OutputArgs { json, csv, solution, svg, rrd, quiet: _ } = args;
+        let (json, csv, solution) = (json.clone(), csv.clone(), solution.clone());
+        Self { json, json_cycles, csv, solution, svg: svg.clone(), rrd: rrd.clone() }
+    }
+
     pub(super) fn json_on_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
     }
 
-    /// The files to write.
-    fn files(&self) -> impl Iterator<Item = &Path> {
-        let json = self.json.as_deref().filter(|_| !self.json_on_stdout());
-        let others = [&self.csv, &self.solution, &self.svg, &self.rrd];
-        json.into_iter().chain(others.into_iter().filter_map(|p| p.as_deref()))
+    /// The files to write, with their flags.
+    fn files(&self) -> Vec<Output<'_>> {
+        let json = self.json.as_ref().filter(|_| !self.json_on_stdout());
+        let files = [
+            ("--json", json),
+            ("--csv", self.csv.as_ref()),
+            ("--solution", self.solution.as_ref()),
+            ("--svg", self.svg.as_ref()),
+            ("--rrd", self.rrd.as_ref()),
+        ];
+        files.into_iter().filter_map(|(flag, file)| file.map(|file| Output { flag, file })).collect()
     }
 
     /// Each file once, none of them an input, all writable.
@@ -221,25 +321,46 @@ impl Outputs {
             let reason = "--rrd: this stopline was built without recordings (cargo feature `rerun`)";
             return Err(Failure::Use(reason.into()));
         }
-        check_files(&self.files().collect::<Vec<_>>(), inputs)
+        check_outputs(&self.files(), inputs)
+    }
+}
+
+/// A file to write.
+#[derive(Debug, Clone, Copy)]
+struct Output<'a> {
+    /// The flag that names it; empty if not known.
+    flag: &'static str,
+    file: &'a Path,
+}
+
+impl Output<'_> {
+    /// The message with flag and file before it.
+    fn named(&self, message: &dyn std::fmt::Display) -> String {
+        format!("{} {message}", self.flag).trim_start().to_owned()
     }
 }
 
 /// Each output once, none of them an input, all writable.
 pub(super) fn check_files(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
-    if outputs.contains(&Path::new("-")) {
-        let reason = "only --json goes to stdout with `-`; a file of that name is `./-`";
-        return Err(Failure::Use(reason.into()));
+    check_outputs(&outputs.iter().map(|file| Output { flag: "", file }).collect::<Vec<_>>(), inputs)
+}
+
+fn check_outputs(outputs: &[Output], inputs: &[PathBuf]) -> Result<(), Failure> {
+    if let Some(output) = outputs.iter().find(|output| output.file == Path::new("-")) {
+        let reason = "-: only --json prints to stdout with `-`; a file of that name is `./-`";
+        return Err(Failure::Use(output.named(&reason)));
     }
     let mut taken: Vec<PathBuf> = inputs.iter().map(|p| real(p)).collect();
-    for file in outputs {
-        let is_device = std::fs::metadata(file).is_ok_and(|about| !about.is_file() && !about.is_dir());
-        if taken.contains(&real(file)) {
-            return Err(Failure::Use(format!("{}: is named twice, as input or output", file.display())));
+    for output in outputs {
+        let is_device = std::fs::metadata(output.file).is_ok_and(|about| !about.is_file() && !about.is_dir());
+        if taken.contains(&real(output.file)) {
+            let reason = format!("{}: named twice, as input or output", output.file.display());
+            return Err(Failure::Use(output.named(&reason)));
         }
         if !is_device {
-            taken.push(real(file));
+            taken.push(real(output.file));
         }
     }
-    outputs.iter().try_for_each(|file| files::check_writable(file).map_err(Failure::file))
+    let check = |output: &Output| files::check_writable(output.file).map_err(|e| Failure::File(output.named(&e)));
+    outputs.iter().try_for_each(check)
 }

@@ -1,18 +1,19 @@
-//! The command line: arguments → job → report.
+//! The command line: arguments, a job, a report.
 //!
-//! `args` is what can be typed. `job` makes of it something that can run: every input read and checked, every output
-//! known to be writable, before anything starts. `engine` runs it, the only file that knows planner and physics.
-//! `report` says what happened. `bench` holds the comparisons, one file each, and `check` the
-//! suites, which need no job. Results go to stdout,
-//! everything else to stderr.
+//! `args` defines the commands and flags. `job` reads and checks every input, and makes sure that every output can be
+//! written, before anything starts. `engine` runs the job; it is the only file of this module that knows planner and
+//! simulation. `report` prints the result. `check` and `bench` have their own reports. `manual` generates shell completions
+//! and manual pages. Results go to stdout, everything else to stderr.
 //!
-//! What happened is in the exit code, [`Exit`]: outcomes are not errors.
+//! The exit code is the result of the program, [`Exit`]: outcomes are not errors.
 
 mod args;
 mod bench;
 mod check;
 mod engine;
 mod job;
+mod manual;
+mod number;
 mod progress;
 mod report;
 
@@ -20,26 +21,29 @@ use std::ffi::OsString;
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use clap::Parser as _;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory as _, Parser as _};
 
 use args::Command;
-use job::{Job, Kind};
+use job::Job;
 
 use crate::result::json;
 
 /// The exit codes, as published in `--help`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exit {
-    /// It ran, and every check passed; or help was asked for.
+    /// The run ended and every check passed; or help was asked for.
     Pass = 0,
-    /// It ran, and a check failed: unsafe, uncomfortable, no plan.
+    /// The run ended and a check failed, or no safe plan exists.
     CheckFailed = 1,
-    /// Wrong use: unknown options, options that exclude each other.
+    /// Wrong use: unknown options, values out of range, options that exclude each other.
     WrongUse = 2,
     /// An input is unreadable or invalid, or an output cannot be written.
     BadFile = 3,
-    /// The program's own fault.
+    /// A fault of the program itself.
     OwnFault = 4,
+    /// Ctrl-C interrupted `check`: 128 + SIGINT, as shells report it.
+    Interrupted = 130,
 }
 
 impl From<Exit> for ExitCode {
@@ -63,7 +67,7 @@ enum Failure {
 }
 
 impl Failure {
-    /// An input that is wrong or an output that cannot be written.
+    /// An invalid input or an output that cannot be written.
     fn file(error: impl std::fmt::Display) -> Self {
         Self::File(error.to_string())
     }
@@ -79,19 +83,23 @@ impl Failure {
 
 /// Runs the program on its arguments (the program's name first).
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
-    let args = match args::Args::try_parse_from(arguments) {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let args = match args::Args::try_parse_from(&arguments) {
         Ok(args) => args,
         Err(message) => {
-            // Help goes to stdout, complaints to stderr; a closed pipe changes nothing.
+            let message = with_owner(message, arguments.get(1));
+            // help goes to stdout, errors to stderr; a closed pipe is no error
             let _ = message.print();
             return if message.use_stderr() { Exit::WrongUse } else { Exit::Pass };
         }
     };
     let ran = match args.command {
-        Command::Plan(args) => Job::new(Kind::Plan, args).and_then(|job| report_on(&job)),
-        Command::Drive(args) => Job::new(Kind::Drive, args).and_then(|job| report_on(&job)),
+        Command::Plan(args) => Job::plan(args).and_then(|job| report_on(&job)),
+        Command::Drive(args) => Job::drive(args).and_then(|job| report_on(&job)),
         Command::Check(args) => check::run(&args),
         Command::Bench(args) => bench::run(args.comparison),
+        Command::Completions { shell } => manual::completions(shell),
+        Command::Man { out } => manual::man(out.as_deref()),
     };
     ran.unwrap_or_else(|failure| {
         say(&format!("error: {failure}"));
@@ -99,7 +107,24 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     })
 }
 
-/// Runs the job, writes the outputs that it asks for, reports.
+/// An error about a flag that another command has, with that command's name.
+fn with_owner(mut error: clap::Error, command: Option<&OsString>) -> clap::Error {
+    let Some(ContextValue::String(flag)) = error.get(ContextKind::InvalidArg).cloned() else { return error };
+    let Some(name) = flag.strip_prefix("--").filter(|_| error.kind() == ErrorKind::UnknownArgument) else {
+        return error;
+    };
+    let program = args::Args::command();
+    let has_flag = |command: &&clap::Command| command.get_arguments().any(|a| a.get_long() == Some(name));
+    let Some(owner) = program.get_subcommands().find(has_flag).map(clap::Command::get_name) else { return error };
+    let is_drive_only = owner == "drive" && command.is_some_and(|typed| typed == "plan");
+    let reason = if is_drive_only { "; `stopline plan` runs no simulation" } else { "" };
+    let tip = format!("{flag} is a flag of `stopline {owner}`{reason}");
+    error.remove(ContextKind::SuggestedArg);
+    error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    error
+}
+
+/// Runs the job, writes its outputs, prints the report.
 fn report_on(job: &Job) -> Result<Exit, Failure> {
     if !job.quiet {
         report::issues(job).iter().for_each(|line| say(line));
@@ -115,7 +140,7 @@ fn report_on(job: &Job) -> Result<Exit, Failure> {
     Ok(if result.result.pass { Exit::Pass } else { Exit::CheckFailed })
 }
 
-/// Calls `command` and turns a panic, whose message is on stderr already, into [`Exit::OwnFault`].
+/// Calls `command` and turns a panic into [`Exit::OwnFault`]. The panic's message is on stderr already.
 pub fn guarded(command: impl FnOnce() -> Exit + std::panic::UnwindSafe) -> Exit {
     std::panic::catch_unwind(command).unwrap_or_else(|_| {
         say(
@@ -125,12 +150,12 @@ pub fn guarded(command: impl FnOnce() -> Exit + std::panic::UnwindSafe) -> Exit 
     })
 }
 
-/// A line on stderr. If nobody can read it, there is nobody to tell.
+/// Prints a line on stderr. A failure to do so has nowhere to be reported.
 fn say(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
-/// Text on stdout. A reader that has seen enough and closed the pipe is no error.
+/// Prints text on stdout. A closed pipe is no error: its reader has read enough.
 fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
@@ -146,13 +171,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_is_the_programs_own_fault_and_nothing_else_is() {
-        assert_eq!(guarded(|| panic!("a test of what a panic gives")), Exit::OwnFault);
+    fn a_panic_exits_with_own_fault() {
+        assert_eq!(guarded(|| panic!("panic of a test")), Exit::OwnFault);
         assert_eq!(guarded(|| Exit::CheckFailed), Exit::CheckFailed);
     }
 
     #[test]
-    fn every_failure_has_its_code() {
+    fn each_failure_has_its_exit_code() {
         let codes = [Failure::Use(String::new()), Failure::File(String::new()), Failure::Fault(String::new())];
         assert_eq!(codes.map(|f| f.exit() as u8), [2, 3, 4]);
         assert_eq!([Exit::Pass as u8, Exit::CheckFailed as u8], [0, 1]);

@@ -1,12 +1,12 @@
-//! Progress bars: on stderr, and only where somebody watches.
+//! Progress bars: on stderr, and only on a terminal.
 
 use std::io::IsTerminal as _;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// A bar on stderr, drawn only on a terminal, and only if wanted. Its owner sets length, position and message.
-pub(super) fn bar(is_wanted: bool) -> ProgressBar {
-    if !is_wanted || !std::io::stderr().is_terminal() {
+/// A bar on stderr, hidden unless enabled and on a terminal. The caller sets length, position and message.
+pub(super) fn bar(is_enabled: bool) -> ProgressBar {
+    if !is_enabled || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());

@@ -1,20 +1,37 @@
-//! Convex programs: the one place that knows the Clarabel interior-point solver.
+//! Convex quadratic programs with linear and second-order cone constraints, solved by Clarabel. No other module uses
+//! the solver directly.
 //!
-//! Every program of this crate has the form
+//! # Problem
+//!
+//! With decision variables `x ∈ ℝⁿ`, every program of this crate has the form
 //!
 //! ```text
-//! minimise    Σ wᵢ (aᵢᵀx − tᵢ)² + cᵀx
-//! subject to  bⱼᵀx = dⱼ
-//!             lₖ ≤ gₖᵀx ≤ uₖ
-//!             ‖(e₁ᵀx + f₁, …, eₙᵀx + fₙ)‖ ≤ e₀ᵀx + f₀      (second-order cones)
+//! minimise    Σᵢ wᵢ (aᵢᵀx − tᵢ)² + ½ xᵀHx + cᵀx
+//! subject to  bⱼᵀx = dⱼ                                            equalities
+//!             lₖ ≤ gₖᵀx ≤ uₖ                                       inequalities
+//!             ‖(e₁ᵀx + f₁, …, eₘᵀx + fₘ)‖₂ ≤ e₀ᵀx + f₀             second-order cones
 //! ```
 //!
-//! and is stated row by row to a [`QuadraticProgram`]. Clarabel (Goulart & Chen 2024) solves the homogeneous embedding,
-//! so that an infeasible program ends with a certificate and not with a time limit.
+//! with weights `wᵢ ≥ 0` and `H` such that the Hessian of the objective is positive semidefinite. Callers state it row
+//! by row:
 //!
-//! Deterministic: one thread, a limit of iterations and none of time, a fixed factorisation method. Weak on badly scaled
-//! data: choose units so that the solution and the weights are within a few orders of magnitude of one. A status of
-//! [`Status::Numerical`] is an outcome that callers must expect.
+//! | part | method |
+//! |---|---|
+//! | `wᵢ (aᵢᵀx − tᵢ)²` | [`QuadraticProgram::add_square`] |
+//! | `H`, `c` | [`QuadraticProgram::add_hessian`], [`QuadraticProgram::add_linear`] |
+//! | equalities, inequalities | [`QuadraticProgram::equal`], [`QuadraticProgram::between`] |
+//! | second-order cones | [`QuadraticProgram::norm_at_most`] |
+//!
+//! # Technique and guarantee
+//!
+//! Clarabel (Goulart and Chen, *Clarabel: An interior-point solver for conic programs with quadratic objectives*, 2024)
+//! is a primal–dual interior-point method on a homogeneous embedding. An infeasible or unbounded program ends with a
+//! certificate. Results are deterministic: one thread, an iteration limit, no time limit, a fixed factorisation method.
+//!
+//! # Weakness
+//!
+//! The solver is sensitive to scaling. Choose units in which solution and weights are within a few orders of magnitude
+//! of one. Callers must expect [`Status::Numerical`].
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -22,82 +39,82 @@ use clarabel::solver::{
     ZeroConeT,
 };
 
-/// Interior-point iterations. A well-posed program takes 6 to 20; more means trouble that further ones do not cure.
+/// Limit of interior-point iterations. A well-posed program takes 6 to 20; beyond 60, more iterations rarely converge.
 const MAX_ITERATIONS: u32 = 60;
-/// Feasibility and duality-gap tolerance of [`Status::Solved`]: far below a millimetre in our units, and well above
-/// where the factorisation's regularisation (1e-8) starts to stall.
+/// Feasibility and duality-gap tolerance of [`Status::Solved`]: far below a millimetre in SI units. The regularisation
+/// of the factorisation (1e-8) prevents smaller values.
 const TOLERANCE: f64 = 1e-8;
-/// The looser tolerance that still counts as [`Status::AlmostSolved`].
+/// Tolerance of [`Status::AlmostSolved`].
 const REDUCED_TOLERANCE: f64 = 1e-5;
 
-/// The tolerance of [`Tuning::Small`]: what is reached without refinement.
+/// Tolerance of [`Tuning::Small`], reachable without iterative refinement.
 const SMALL_TOLERANCE: f64 = 1e-7;
 
-/// A coefficient of a linear expression: variable and factor. A variable may occur more than once.
+/// A term of a linear expression: index of the variable and factor. Terms of the same variable add up.
 pub type Term = (usize, f64);
 
 /// An affine expression: Σ terms + constant.
 pub type Affine<'a> = (&'a [Term], f64);
 
-/// How a solve ended.
+/// Termination status of a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// Solved to 1e-8.
+    /// Solved to the tolerance of the [`Tuning`], 1e-8 or 1e-7.
     Solved,
-    /// Solved to 1e-5: feasible and optimal enough for uses that check the result.
+    /// Solved to 1e-5: sufficient for callers that verify the result.
     AlmostSolved,
-    /// No point satisfies the constraints (certified).
+    /// Infeasible, with a certificate.
     Infeasible,
-    /// The objective falls without end (certified).
+    /// Unbounded below, with a certificate.
     Unbounded,
-    /// Iteration limit reached.
+    /// The solver reached the iteration limit.
     IterationLimit,
-    /// Numerical trouble, data that are not finite, or no variables at all.
+    /// Numerical failure, data that are not finite, or a program without variables.
     Numerical,
 }
 
-/// What a solve returned.
+/// Result of a solve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// How it ended.
+    /// Termination status.
     pub status: Status,
-    /// Values of the variables; meaningful if [`Solution::is_usable`].
+    /// Values of the variables. Meaningful if [`Solution::is_usable`].
     pub x: Vec<f64>,
-    /// Value of the objective, constants included.
+    /// Value of the objective, including constants.
     pub objective: f64,
-    /// Multipliers: of the equalities, then of the inequalities (not negative), then of the cones (each in its own cone,
-    /// bound first), in the order they were stated. At an optimum, gradient of the objective + Σ multiplier · (row of
-    /// the constraint as `row·x ≤ …`) = 0. Meaningful if [`Solution::is_usable`].
+    /// Lagrange multipliers of the equalities, then of the inequalities (non-negative), then of the cones (each in its
+    /// cone, bound first), in the order of statement. At an optimum, the gradient of the objective plus Σ multiplier ·
+    /// `row` is zero, with each constraint written as `row·x ≤ …`. Meaningful if [`Solution::is_usable`].
     pub multipliers: Vec<f64>,
-    /// Interior-point iterations used.
+    /// Number of interior-point iterations.
     pub iterations: u32,
 }
 
-/// What a solve is tuned to.
+/// Solver settings for a class of programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Tuning {
-    /// Any program: scaled and refined by the solver, to 1e-8.
+    /// Any program: with equilibration and iterative refinement, to 1e-8.
     #[default]
     General,
-    /// A program of a few well-scaled variables: without the solver's own scaling and iterative refinement, to 1e-7.
-    /// About two thirds of the time.
+    /// A small, well-scaled program: without equilibration, presolve and iterative refinement, to 1e-7. It takes about
+    /// two thirds of the time.
     Small,
 }
 
 impl Solution {
-    /// Whether `x` satisfies the constraints and is optimal, at least to the looser tolerance.
+    /// Whether `x` is feasible and optimal, at least to the tolerance of [`Status::AlmostSolved`].
     #[must_use]
     pub fn is_usable(&self) -> bool {
         matches!(self.status, Status::Solved | Status::AlmostSolved)
     }
 }
 
-/// A program under construction. See the module's head for its form.
+/// A program under construction. The module documentation states its form.
 #[derive(Debug, Clone)]
 pub struct QuadraticProgram {
     linear: Vec<f64>,
     constant: f64,
-    /// Upper triangle of the Hessian, duplicates add up.
+    /// Upper triangle of the Hessian. Duplicates add up.
     hessian: Triplets,
     equalities: Rows,
     inequalities: Rows,
@@ -113,7 +130,7 @@ struct Rows {
 }
 
 impl Rows {
-    /// Appends `factor · terms · x + s = right`.
+    /// Appends the row `factor · terms·x + s = right`.
     fn push(&mut self, terms: &[Term], factor: f64, right: f64) {
         let row = self.right.len();
         self.entries.extend(terms.iter().map(|&(column, value)| (row, column, factor * value)));
@@ -125,7 +142,7 @@ impl Rows {
 type Triplets = Vec<(usize, usize, f64)>;
 
 impl QuadraticProgram {
-    /// A program of so many variables, unconstrained, with a zero objective.
+    /// An unconstrained program with a number of variables and a zero objective.
     #[must_use]
     pub fn new(variables: usize) -> Self {
         Self {
@@ -157,7 +174,7 @@ impl QuadraticProgram {
             self.linear[i] -= 2.0 * weight * target * a;
             self.add_hessian(i, i, 2.0 * weight * a * a);
             for &(j, b) in &terms[n + 1..] {
-                // a variable that occurs twice has its cross term on the diagonal, where both triangles meet
+                // the cross term of a repeated variable lies on the diagonal, which belongs to both triangles
                 let twice = if i == j { 2.0 } else { 1.0 };
                 self.add_hessian(i, j, twice * 2.0 * weight * a * b);
             }
@@ -165,7 +182,8 @@ impl QuadraticProgram {
         self.constant += weight * target * target;
     }
 
-    /// Adds `½ (x_i H x_j + x_j H x_i)` for i ≠ j, `½ H x_i²` for i = j. The Hessian must be positive semidefinite in all.
+    /// Adds `value · x_i x_j` for i ≠ j or `½ value · x_i²` for i = j to the objective. The whole Hessian must be
+    /// positive semidefinite.
     pub fn add_hessian(&mut self, i: usize, j: usize, value: f64) {
         self.hessian.push((i.min(j), i.max(j), value));
     }
@@ -180,7 +198,7 @@ impl QuadraticProgram {
         self.equalities.push(terms, 1.0, value);
     }
 
-    /// Requires `lower ≤ terms·x ≤ upper`. An infinite bound is no bound; equal bounds are an equality.
+    /// Requires `lower ≤ terms·x ≤ upper`. An infinite bound adds no row; equal bounds add an equality.
     pub fn between(&mut self, lower: f64, terms: &[Term], upper: f64) {
         if lower == upper {
             return self.equal(terms, lower);
@@ -226,7 +244,7 @@ impl QuadraticProgram {
             entries.extend(part.entries.iter().map(|&(row, column, value)| (first + row, column, value)));
             right.extend_from_slice(&part.right);
         }
-        // the solver's factorisation indexes its first column
+        // the solver panics on an empty matrix
         if variables == 0 {
             return failed(Status::Numerical);
         }
@@ -299,7 +317,7 @@ fn status(status: SolverStatus) -> Status {
     }
 }
 
-/// Compressed columns from triplets, duplicates added: two stable counting sorts, by row, then by column.
+/// Compressed sparse columns from triplets; duplicates add up. Two stable counting sorts: by row, then by column.
 fn compressed(rows: usize, columns: usize, triplets: &[(usize, usize, f64)]) -> CscMatrix<f64> {
     let by_row = counting_sort(triplets, rows, |t| t.0);
     let by_column = counting_sort(&by_row, columns, |t| t.1);
@@ -307,11 +325,11 @@ fn compressed(rows: usize, columns: usize, triplets: &[(usize, usize, f64)]) -> 
     let mut row_indices: Vec<usize> = Vec::with_capacity(by_column.len());
     let mut values: Vec<f64> = Vec::with_capacity(by_column.len());
     column_starts.push(0);
-    let mut rest = by_column.iter().peekable();
+    let mut remaining = by_column.iter().peekable();
     for column in 0..columns {
         let start = row_indices.len();
-        while let Some(&&(row, _, value)) = rest.peek().filter(|t| t.1 == column) {
-            rest.next();
+        while let Some(&&(row, _, value)) = remaining.peek().filter(|t| t.1 == column) {
+            remaining.next();
             if row_indices.len() > start && row_indices.last() == Some(&row) {
                 if let Some(last) = values.last_mut() {
                     *last += value;
@@ -352,18 +370,18 @@ mod tests {
         (a - b).abs() < 1e-6
     }
 
-    /// Nearest point to (3, 2) with x + y = 1 and y ≥ `floor`: (1, 0) where the floor does not bite.
-    fn nearest(floor: f64, ceiling: f64) -> Solution {
+    /// The point nearest to (3, 2) with x + y = 1 and lower ≤ y ≤ upper: (1, 0) if the bounds are inactive.
+    fn nearest(lower: f64, upper: f64) -> Solution {
         let mut program = QuadraticProgram::new(2);
         program.add_square(1.0, &[(0, 1.0)], 3.0);
         program.add_square(1.0, &[(1, 1.0)], 2.0);
         program.equal(&[(0, 1.0), (1, 1.0)], 1.0);
-        program.between(floor, &[(1, 1.0)], ceiling);
+        program.between(lower, &[(1, 1.0)], upper);
         program.solve()
     }
 
     #[test]
-    fn known_optimum_with_and_without_the_bound_biting() {
+    fn finds_the_known_optimum_with_inactive_active_and_equal_bounds() {
         let free = nearest(f64::NEG_INFINITY, f64::INFINITY);
         assert_eq!(free.status, Status::Solved);
         assert!(near(free.x[0], 1.0) && near(free.x[1], 0.0) && near(free.objective, 8.0), "{free:?}");
@@ -374,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn the_infeasible_twin_is_told_as_infeasible() {
+    fn reports_an_infeasible_program() {
         assert_eq!(nearest(2.0, 1.0).status, Status::Infeasible);
         let mut program = QuadraticProgram::new(1);
         program.equal(&[(0, 1.0)], 1.0);
@@ -383,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn an_objective_without_floor_is_told_as_unbounded() {
+    fn reports_an_unbounded_program() {
         let mut program = QuadraticProgram::new(1);
         program.add_linear(0, 1.0);
         program.between(f64::NEG_INFINITY, &[(0, 1.0)], 0.0);
@@ -391,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn data_that_are_not_finite_are_a_status_and_not_a_panic() {
+    fn reports_data_that_are_not_finite() {
         for bad in [f64::NAN, f64::INFINITY] {
             let mut program = QuadraticProgram::new(1);
             program.add_square(1.0, &[(0, bad)], 0.0);
@@ -401,8 +419,8 @@ mod tests {
     }
 
     #[test]
-    fn a_cone_bounds_the_norm() {
-        // farthest along (3, 4) within a circle of radius 2 about (1, 0)
+    fn cone_bounds_the_norm() {
+        // farthest point in direction (3, 4) in the circle of radius 2 about (1, 0)
         let mut program = QuadraticProgram::new(2);
         program.add_linear(0, -3.0);
         program.add_linear(1, -4.0);
@@ -413,7 +431,7 @@ mod tests {
 
     #[test]
     fn multipliers_balance_the_gradient_in_the_order_stated() {
-        // nearest point to (3, 2) with x ≤ 1 and ‖(x, y)‖ ≤ √2
+        // point nearest to (3, 2) with x ≤ 1 and ‖(x, y)‖ ≤ √2
         for tuning in [Tuning::General, Tuning::Small] {
             let mut program = QuadraticProgram::new(2);
             program.add_square(1.0, &[(0, 1.0)], 3.0);
@@ -423,14 +441,14 @@ mod tests {
             let solution = program.solve_tuned(tuning);
             assert!(solution.is_usable() && near(solution.x[0], 1.0) && near(solution.x[1], 1.0), "{solution:?}");
             let [row, bound, x, y] = solution.multipliers[..] else { panic!("{solution:?}") };
-            // of the cone, −(bound, x, y)·(√2, x, y): gradient (−4, −2) + row·(1, 0) − (x, y) = 0
+            // stationarity: gradient (−4, −2) + row·(1, 0) − (x, y) = 0 with the multipliers (bound, x, y) of the cone
             assert!((row - 4.0 - x).abs() < 1e-4 && (-2.0 - y).abs() < 1e-4, "{solution:?}");
             assert!(row >= 0.0 && bound > 0.0);
         }
     }
 
     #[test]
-    fn a_repeated_variable_adds_up() {
+    fn terms_of_a_repeated_variable_add_up() {
         let mut program = QuadraticProgram::new(1);
         program.add_square(1.0, &[(0, 1.0), (0, 2.0)], 6.0);
         let solution = program.solve();
@@ -439,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_without_constraints_or_variables_does_not_panic() {
+    fn solves_a_program_without_constraints_and_reports_one_without_variables() {
         assert_eq!(QuadraticProgram::new(0).solve().status, Status::Numerical);
         let mut program = QuadraticProgram::new(1);
         program.add_square(1.0, &[(0, 1.0)], 4.0);
@@ -448,7 +466,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn compressed_matrix_holds_the_sum_of_the_triplets(
+        fn compressed_matrix_is_the_sum_of_the_triplets(
             triplets in prop::collection::vec((0..5usize, 0..4usize, -1.0..1.0f64), 0..40)
         ) {
             let matrix = compressed(5, 4, &triplets);
@@ -464,7 +482,7 @@ mod tests {
             }
         }
 
-        /// Without constraints that bite, the optimum of a least-squares program has a zero gradient.
+        /// With inactive constraints, the optimum of a least-squares program has a zero gradient.
         #[test]
         fn gradient_vanishes_at_the_optimum(rows in prop::collection::vec((prop::array::uniform3(-1.0..1.0f64), -2.0..2.0f64), 4..9)) {
             let mut program = QuadraticProgram::new(3);
@@ -486,9 +504,9 @@ mod tests {
         }
     }
 
-    /// The size of the speed layer's smoothing: 60 steps of (station, speed, acceleration).
+    /// A program of the size of the speed smoothing: 60 steps of (station, speed, acceleration).
     #[test]
-    fn a_smoothing_sized_program_is_solved_the_same_way_twice() {
+    fn repeated_solves_have_equal_results() {
         let steps = 60;
         let (h, at) = (0.1, |step: usize, part: usize| 3 * step + part);
         let mut program = QuadraticProgram::new(3 * steps);

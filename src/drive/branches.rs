@@ -1,14 +1,14 @@
-//! Forked worlds: from moments of a run, the plan in force is driven to rest without planning again.
+//! Fallback branches: from moments of a run, the committed plan is followed to standstill without replanning.
 //!
-//! **When.** Regularly, and wherever the plan changed: where the new trajectory wants the vehicle half a metre or more from
-//! where the last one wanted it within the next seconds. A plan that is only drawn out further is no change. A fork of the
-//! same trajectory as the last one's, driven in the same world, would come to the same: it is left out. Nor is there one
-//! where nothing was proven: no stop is claimed there, and `stop_proven` counts it.
+//! **When.** At regular times, and where the plan changed: where the new trajectory is half a metre or more from the last one
+//! within the next seconds. A trajectory that only reaches farther is no change. A second branch on the same trajectory would
+//! give the same result and is left out. A cycle without a proven plan claims no stop and gets no branch; `stop_proven` counts
+//! it.
 //!
-//! **Cost.** At most one regular fork each interval and a fixed number of changes in a run
-//! ([`FallbackSettings`](crate::verdict::FallbackSettings)); each is at most [`LONGEST`] of physics, in fact the duration of
-//! one plan. FallbackBranches are driven in parallel, in batches that bound the memory, and judged in the order of their cycles: the
-//! same bytes for any number of threads.
+//! **Cost.** At most one regular branch in each interval and a fixed number of changes in a run
+//! ([`FallbackSettings`](crate::verdict::FallbackSettings)). A branch simulates the duration of one plan, at most [`LONGEST`].
+//! Branches run in parallel, in batches that bound the memory, and are judged in the order of their cycles: the results are
+//! the same to the bit for any number of threads.
 
 use rayon::prelude::*;
 
@@ -21,31 +21,31 @@ use crate::verdict::{self, Fallback, FallbackBranch, FallbackJudge};
 
 /// Times after a cycle at which the old and the new plan are compared, s.
 const COMPARED: [f64; 4] = [0.5, 1.0, 2.0, 3.0];
-/// MotionPlanner that are apart by more than this somewhere there are different ones, m.
+/// Plans that are farther apart than this at one of these times are different, m.
 const CHANGE: f64 = 0.5;
-/// Worlds kept at a time.
+/// Branches kept at a time.
 const BATCH: usize = 32;
-/// Longest fork, s: a plan that has not come to rest by then fails.
+/// Longest branch, s. A plan that does not end within it fails.
 const LONGEST: f64 = 120.0;
-/// Time after the planned stop at which a vehicle rests, s.
+/// Time simulated beyond the planned stop, s.
 const SETTLED: f64 = 0.5;
-/// Time after the planned stop by which it has to, s: dead times of actuators are in it.
+/// Time after the planned stop by which the vehicle must stand, s. It includes dead times of the actuators.
 const OVERDUE: f64 = 2.0;
-/// Regular samples may be early by this, s: times of cycles are sums of steps.
+/// Regular branches may be early by this, s: times of cycles are rounded sums.
 const ROUNDING: f64 = 1e-6;
 
-/// FallbackBranches of a run, driven a batch at a time.
+/// The fallback branches of a run.
 pub(super) struct FallbackBranches<'a> {
     judge: FallbackJudge<'a>,
     settings: verdict::Settings,
     waiting: Vec<Waiting>,
     judged: Vec<Fallback>,
-    /// Largest deceleration that the plan in force promises, m/s².
+    /// Largest deceleration that the committed plan claims, m/s².
     promised: f64,
     /// The trajectory committed in the cycle before.
     before: Option<Trajectory>,
     last_sample: f64,
-    /// Whether the plan in force was sampled already.
+    /// Whether the committed plan already has a branch.
     is_sampled: bool,
     changes: usize,
     left_out: usize,
@@ -76,7 +76,7 @@ impl<'a> FallbackBranches<'a> {
         }
     }
 
-    /// Hears of a cycle, before its trajectory is followed in `world`.
+    /// Starts a branch at a cycle if one is due. `world` is the simulation before it follows the trajectory of the cycle.
     pub(super) fn consider(&mut self, world: &World, cycle: &Cycle, number: usize) {
         if !self.settings.fallbacks.enabled {
             return;
@@ -103,37 +103,37 @@ impl<'a> FallbackBranches<'a> {
             self.waiting.push(Waiting { world, cycle: number, is_change, trajectory, promised, inherited });
         }
         if self.waiting.len() >= BATCH {
-            self.drive();
+            self.simulate();
         }
     }
 
-    /// Drives what waits to rest.
-    fn drive(&mut self) {
+    /// Simulates and judges the waiting branches.
+    fn simulate(&mut self) {
         let (judge, settings) = (&self.judge, &self.settings);
         let assess = |waiting: Waiting| {
             let Waiting { world, cycle, is_change, trajectory, promised, inherited } = waiting;
-            let log = driven(world, &trajectory, settings.standstill_speed);
-            let fork = FallbackBranch { cycle, is_change, trajectory: &trajectory, promised, inherited, log: &log };
-            judge.assess(&fork)
+            let log = followed(world, &trajectory, settings.standstill_speed);
+            let branch = FallbackBranch { cycle, is_change, trajectory: &trajectory, promised, inherited, log: &log };
+            judge.assess(&branch)
         };
         self.judged.par_extend(std::mem::take(&mut self.waiting).into_par_iter().map(assess));
     }
 
-    /// What the fallbacks came to, and how many changes of the plan were not sampled.
+    /// The results, and the number of changes of the plan without a branch.
     pub(super) fn finish(mut self) -> (Vec<Fallback>, usize) {
-        self.drive();
+        self.simulate();
         (self.judged, self.left_out)
     }
 }
 
-/// Whether two plans want the vehicle at different places soon.
+/// Whether two plans differ within the next seconds.
 fn differ(old: &Trajectory, new: &Trajectory, time: f64) -> bool {
     let apart = |after: &f64| (old.at(time + after).pose.position - new.at(time + after).pose.position).norm() > CHANGE;
     COMPARED.iter().any(apart)
 }
 
-/// Follows the trajectory to its end and a little longer.
-fn driven(mut world: World, trajectory: &Trajectory, standstill_speed: f64) -> Log {
+/// The log of following the trajectory to its end and a little longer.
+fn followed(mut world: World, trajectory: &Trajectory, standstill_speed: f64) -> Log {
     let mut log = Log::default();
     let end = trajectory.end_time().max(world.time()).min(world.time() + LONGEST);
     world.follow(trajectory, end + SETTLED, &mut log);

@@ -1,8 +1,7 @@
-//! Faults on purpose: what goes wrong in the rig while the planner believes that all is well.
+//! Fault injection: faults of the simulated vehicle that the planner does not know of.
 //!
-//! The planner, its proofs and the tracking controller keep the vehicle as it is described; the rig drives another one, or
-//! late, or lets it think that it is somewhere else; and the verdict judges the truth. Whatever the fault, a run ends with the
-//! name of the promise that broke, or with none broken.
+//! The planner, its proofs and the tracking controller use the vehicle as described. The simulation uses another vehicle, acts
+//! late, or returns a wrong position. The verdict uses the true state. The checks name the claim that a fault broke.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,30 +9,29 @@ use crate::planner::{Cycle, Decision};
 use crate::simulation::{Disturbances, LocalisationNoise};
 use crate::vehicle::Vehicle;
 
-/// Faults of a run. None by default. In a settings file: the table `[faults]`.
+/// Injected faults of a run; none by default. In a settings file: the table `[faults]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Faults {
-    /// Dead time between the controller's decisions and the actuators, s, on top of the vehicle's own lags.
+    /// Dead time between the commands of the controller and the actuators, s, in addition to the lags of the vehicle.
     pub delay: f64,
-    /// Factor on the friction of the road.
+    /// Factor on the friction of the tyres.
     pub friction: f64,
-    /// Factor on the vehicle's mass and yaw inertia; the forces of drive and brakes stay what they are for the mass that is
-    /// believed.
+    /// Factor on mass and yaw inertia of the vehicle. Drive and brakes give the forces for the described mass.
     pub mass: f64,
-    /// Standard deviation of the localisation along the vehicle and across it, m; that of the heading is
-    /// [`YAW_PER_METRE`] times as much.
+    /// Standard deviation of the localisation error, m, longitudinal and lateral each. The standard deviation of the heading
+    /// is [`YAW_PER_METRE`] times as much.
     pub noise: f64,
-    /// Planning cycles missed after each that is made; the last plan goes on meanwhile.
+    /// Planning cycles missed after each cycle that runs. The previous plan is kept meanwhile.
     pub missed_cycles: u32,
-    /// Seed of the localisation's error.
+    /// Random seed of the localisation error.
     pub seed: u64,
 }
 
-/// Standard deviation of the heading for one metre of the position's, rad/m: 0.1 m goes with 0.01 rad (0.6°), as in an
-/// inertial system aided by satellites.
+/// Standard deviation of the heading for one metre of position, rad/m: 0.1 m goes with 0.01 rad (0.6°), as in an inertial
+/// system aided by satellites.
 pub const YAW_PER_METRE: f64 = 0.1;
-/// Time in which the localisation's error is forgotten, s.
+/// Correlation time of the localisation error, s.
 const CORRELATION_TIME: f64 = 1.0;
 
 impl Default for Faults {
@@ -43,10 +41,10 @@ impl Default for Faults {
 }
 
 impl Faults {
-    /// The names by which faults are injected.
+    /// The names of all faults.
     pub const NAMES: [&'static str; 5] = ["delay", "friction", "mass", "noise", "missed_cycles"];
 
-    /// Whether anything goes wrong.
+    /// Whether any fault is injected.
     #[must_use]
     pub fn is_any(&self) -> bool {
         *self != Self { seed: self.seed, ..Self::default() }
@@ -55,7 +53,7 @@ impl Faults {
     /// Injects one fault, written `name=value`.
     ///
     /// # Errors
-    /// A name that is none, or a value that is no number or out of its range.
+    /// An unknown name, or a value that is not a number or out of its range.
     pub fn inject(&mut self, text: &str) -> Result<(), String> {
         let expected = || format!("expected NAME=VALUE with a name of {}", Self::NAMES.join(", "));
         let (name, value) = text.split_once('=').ok_or_else(expected)?;
@@ -68,16 +66,16 @@ impl Faults {
             "missed_cycles" => {
                 self.missed_cycles = value.trim().parse().map_err(|_| format!("`{value}` is not a whole number"))?;
             }
-            other => return Err(format!("`{other}` is no fault; {}", expected())),
+            other => return Err(format!("unknown fault `{other}`; {}", expected())),
         }
-        match self.wrong() {
-            Some((name, value, expected)) => Err(format!("{name} is {value}, it must be {expected}")),
+        match self.out_of_range() {
+            Some((name, _, expected)) => Err(format!("{name} must be {expected}")),
             None => Ok(()),
         }
     }
 
-    /// The first value out of its range, with what it should be.
-    pub(super) fn wrong(&self) -> Option<(&'static str, f64, &'static str)> {
+    /// The first value out of its range: name, value and range.
+    pub(super) fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
         let ranges = [
             ("delay", self.delay, 0.0, 2.0, "from 0 to 2 s"),
             ("friction", self.friction, 0.01, 2.0, "from 0.01 to 2"),
@@ -85,17 +83,17 @@ impl Faults {
             ("noise", self.noise, 0.0, 10.0, "from 0 to 10 m"),
             ("missed_cycles", f64::from(self.missed_cycles), 0.0, 10_000.0, "from 0 to 10000"),
         ];
-        let wrong = ranges.into_iter().find(|(_, value, least, most, _)| !(*least..=*most).contains(value));
-        wrong.map(|(name, value, .., expected)| (name, value, expected))
+        let first = ranges.into_iter().find(|(_, value, least, most, _)| !(*least..=*most).contains(value));
+        first.map(|(name, value, .., expected)| (name, value, expected))
     }
 
-    /// The vehicle that is really there.
+    /// The simulated vehicle.
     pub(super) fn real(&self, vehicle: &Vehicle) -> Vehicle {
         let (mass, yaw_inertia) = (self.mass * vehicle.mass, self.mass * vehicle.yaw_inertia);
         Vehicle { mass, yaw_inertia, ..vehicle.clone() }
     }
 
-    /// What is wrong in the rig, for the vehicle that is believed to be there.
+    /// Disturbances of the simulation, for the vehicle as described.
     pub(super) fn disturbances(&self, vehicle: &Vehicle) -> Disturbances {
         let noise = LocalisationNoise {
             position: self.noise,
@@ -110,13 +108,13 @@ impl Faults {
         }
     }
 
-    /// Whether a cycle, counted from 0, is one that the planner misses. The first never is: without it there is no plan.
+    /// Whether the planner misses a cycle, counted from 0. It never misses the first: without it there is no plan.
     pub(super) fn misses(&self, cycle: usize) -> bool {
         !cycle.is_multiple_of(self.missed_cycles as usize + 1)
     }
 }
 
-/// The record of a cycle that the planner missed: the last plan goes on.
+/// The record of a cycle that the planner missed: it keeps the previous plan.
 pub(super) fn missed(last: &Cycle, time: f64) -> Cycle {
     let decision = if last.decision == Decision::Unproven { Decision::Unproven } else { Decision::KeepPrevious };
     Cycle {
@@ -137,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_are_injected_by_name_and_what_is_none_is_named() {
+    fn injects_faults_by_name_and_refuses_unknown_ones() {
         let mut faults = Faults::default();
         assert!(!faults.is_any());
         for text in ["delay=0.2", "friction=0.6", "mass = 1.2", "noise=0.1", "missed_cycles=3"] {
@@ -147,7 +145,7 @@ mod tests {
         assert!(faults.is_any() && !Faults { seed: 9, ..Faults::default() }.is_any());
         for (text, part) in [
             ("delay", "NAME=VALUE"),
-            ("lag=0.1", "`lag` is no fault"),
+            ("lag=0.1", "unknown fault `lag`"),
             ("delay=fast", "`fast` is not a number"),
             ("delay=-0.1", "from 0 to 2 s"),
             ("delay=nan", "from 0 to 2 s"),
@@ -163,14 +161,14 @@ mod tests {
     }
 
     #[test]
-    fn every_name_is_a_fault() {
+    fn injects_a_fault_of_every_name() {
         for name in Faults::NAMES {
             Faults::default().inject(&format!("{name}=1")).unwrap();
         }
     }
 
     #[test]
-    fn of_four_cycles_three_are_missed_and_never_the_first() {
+    fn misses_three_of_four_cycles_and_never_the_first() {
         let misses = |missed_cycles, n| {
             (0..n).map(|i| Faults { missed_cycles, ..Faults::default() }.misses(i)).collect::<Vec<_>>()
         };
@@ -179,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn without_faults_the_rig_is_told_nothing() {
+    fn without_faults_the_simulation_is_undisturbed() {
         let vehicle = crate::fixtures::vehicle_with(crate::vehicle::Footprint::rectangle(4.5, 1.8, 1.4));
         let faults = Faults::default();
         assert_eq!(faults.disturbances(&vehicle), Disturbances::default());

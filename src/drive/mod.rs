@@ -1,11 +1,12 @@
-//! The closed loop: plan, execute a tenth of a second in physics, plan again; then judge.
+//! The closed loop: plan, simulate until the next planning cycle, plan again; judge at the end.
 //!
-//! Meanwhile worlds are forked (`branches`), in which the plan of a moment is driven to its end; and things may be made to go
-//! wrong on purpose (`faults`). Who plans and who controls can be changed ([`Driver`]): the verdict has to notice.
+//! Meanwhile `branches` simulates fallbacks: the plan committed at one moment is followed to its end. `faults` injects faults.
+//! [`Driver`] takes any planner and any controller; the verdict has to notice a bad one.
 
 mod branches;
 mod faults;
 mod settings;
+mod start;
 
 pub use faults::{Faults, YAW_PER_METRE};
 pub use settings::{RunSettings, Settings, SettingsError};
@@ -13,16 +14,17 @@ pub use settings::{RunSettings, Settings, SettingsError};
 use std::sync::Arc;
 
 use self::branches::FallbackBranches;
+use self::start::Start;
 use crate::map::{Motion, PlanningProblem, Scenario};
 use crate::planner::{Cycle, NoLane, Planner, PlannerError, Rejection};
 use crate::simulation::{self, Controller, Log, SimulationError, TrackingController, World};
 use crate::vehicle::{State, Vehicle};
 use crate::verdict::{self, Expectation, Fallback, GoalWatch, Verdict};
 
-/// A finished run (or a single planning cycle, whose log is empty).
+/// A finished run, or a single planning cycle with an empty log.
 #[derive(Debug)]
 pub struct Run<'a> {
-    /// The scenario it ran on.
+    /// The scenario.
     pub scenario: &'a Scenario,
     /// The planning problem.
     pub problem: &'a PlanningProblem,
@@ -30,19 +32,19 @@ pub struct Run<'a> {
     pub vehicle: &'a Vehicle,
     /// The planning cycles, in order of time.
     pub cycles: Vec<Cycle>,
-    /// What the rig measured; empty for a single planning cycle.
+    /// The log of the simulation; empty for a single planning cycle.
     pub log: Log,
-    /// What the plans came to that were driven to rest in forked worlds, in order of their cycles.
+    /// The results of the fallback branches, in order of their cycles.
     pub fallbacks: Vec<Fallback>,
-    /// What was made to go wrong.
+    /// The injected faults.
     pub faults: Faults,
     /// How it ended.
     pub outcome: Outcome,
-    /// Why, as a stable code, where the outcome alone does not say it.
+    /// The reason as a stable code, where the outcome alone does not give it.
     pub reason: Option<&'static str>,
-    /// Way that braking as hard as the planner may takes from the start, m, where no way is that long.
+    /// Distance to standstill from the start with the hardest braking of the planner, m, if every path is shorter.
     pub stopping_distance: Option<f64>,
-    /// The named checks; empty for a single planning cycle.
+    /// The named checks; empty if nothing was driven.
     pub verdict: Verdict,
 }
 
@@ -51,15 +53,17 @@ pub struct Run<'a> {
 pub enum Outcome {
     /// The goal was reached.
     GoalReached,
-    /// At rest without contact, because the way ends or is blocked.
+    /// The start already meets every condition of the goal.
+    AlreadyAtGoal,
+    /// At standstill without contact, short of the goal.
     StoppedSafely,
     /// No proven plan from the start.
     NoSafePlan,
     /// The vehicle touched something.
     Collision,
-    /// The time ran out while driving safely.
+    /// The time ran out while the vehicle drove safely.
     TimedOut,
-    /// A single planning cycle found a plan with its stop proven.
+    /// A single planning cycle found a plan with a proven stop.
     Planned,
 }
 
@@ -69,6 +73,7 @@ impl Outcome {
     pub fn name(self) -> &'static str {
         match self {
             Self::GoalReached => "goal_reached",
+            Self::AlreadyAtGoal => "already_at_goal",
             Self::StoppedSafely => "stopped_safely",
             Self::NoSafePlan => "no_safe_plan",
             Self::Collision => "collision",
@@ -87,17 +92,17 @@ pub enum DriveError {
     /// A setting of the planner is out of its range.
     #[error(transparent)]
     Planner(#[from] PlannerError),
-    /// The physics rig could not be built.
+    /// The simulation could not be built.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
 }
 
-/// Who plans: once a cycle, what to follow from now on. [`Planner`] does; tests put others there.
+/// A planner in the loop. [`Planner`] is the real one; tests use others.
 pub trait MotionPlanner {
-    /// One planning cycle for a vehicle that takes itself to be in `state`.
+    /// One planning cycle from the estimated state of the vehicle. The loop follows the committed trajectory until the next.
     fn cycle(&mut self, state: &State) -> Cycle;
 
-    /// Why there is no lane to plan on, if there is none.
+    /// The reason why there is no lane to plan on; `None` if there is one.
     fn no_lane(&self) -> Option<NoLane> {
         None
     }
@@ -113,22 +118,22 @@ impl MotionPlanner for Planner<'_> {
     }
 }
 
-/// Who drives: plans, and follows them.
+/// A planner and the controller that follows its plans.
 pub struct Driver<'p> {
-    /// Makes the plans.
+    /// The planner.
     pub planner: &'p mut dyn MotionPlanner,
-    /// Follows them.
+    /// The controller.
     pub controller: Arc<dyn Controller>,
 }
 
 impl<'p> Driver<'p> {
-    /// Follows plans with the rig's own controller.
+    /// The planner with the tracking controller of the simulation.
     pub fn following(planner: &'p mut dyn MotionPlanner) -> Self {
         Self { planner, controller: Arc::new(TrackingController) }
     }
 }
 
-/// The planner that [`drive`] drives with: one that knows when the run ends.
+/// The planner that [`drive`] uses. It knows the latest end of the run.
 ///
 /// # Errors
 /// A setting of the planner out of its range.
@@ -142,8 +147,8 @@ pub fn planner<'a>(
     Planner::new(scenario, problem, vehicle, &settings.planner, ends)
 }
 
-/// Drives the vehicle through the scenario in physics and judges what happened. `progress` hears the time of the run and
-/// its latest possible end, s.
+/// Drives the vehicle through the scenario in simulation and judges the run. `progress` receives the time of the run and its
+/// latest possible end, s.
 ///
 /// # Errors
 /// Settings out of their range. How the run ends is an [`Outcome`].
@@ -159,8 +164,8 @@ pub fn drive<'a>(
     drive_with(scenario, problem, vehicle, settings, Driver::following(&mut planner), progress)
 }
 
-/// Drives as [`drive`] does, with whoever plans and controls. Scenario, problem and vehicle are the truth, in which the rig
-/// drives and by which the verdict judges, whatever the driver takes them for.
+/// Drives as [`drive`] does, with another planner or controller. The simulation and the verdict use the given scenario, problem
+/// and vehicle, even if the driver uses others.
 ///
 /// # Errors
 /// Settings out of their range. How the run ends is an [`Outcome`].
@@ -179,19 +184,14 @@ pub fn drive_with<'a>(
     let ends = latest_end(&watch, begins, settings);
     let mut run = Run::unstarted(scenario, problem, vehicle);
     run.faults = settings.faults;
-    if let Some(reason) = planner.no_lane() {
-        run.reason = Some(reason.code());
+    let start = Start::of(scenario, problem, vehicle, settings, planner.no_lane());
+    start.explain(&mut run);
+    if start.is_final() {
         return Ok(run);
     }
-    if ends <= begins {
-        run.outcome = Outcome::TimedOut;
-        run.reason = Some("goal_time_is_past");
-        return Ok(run);
-    }
-    let mut world = rig(scenario, problem, vehicle, settings, begins)?.controlled_by(controller);
+    let mut world = world(scenario, problem, vehicle, settings, begins)?.controlled_by(controller);
     let mut branches = FallbackBranches::new(scenario, vehicle, &settings.verdict);
-    let stops_at_goal = stops_at_goal(problem);
-    let mut judged: usize = 0;
+    let mut evaluated: usize = 0;
     loop {
         let state = world.localised();
         progress(state.time, ends);
@@ -203,21 +203,20 @@ pub fn drive_with<'a>(
         let until = (state.time + settings.run.replan_interval).min(ends);
         world.follow(&cycle.committed, until, &mut run.log);
         run.cycles.push(cycle);
-        if run.log.contact.is_some() || run.log.broke_at.is_some() {
+        if run.log.contact.is_some() || run.log.broke_at.is_some() || start == Start::InCollision {
             run.outcome = Outcome::Collision;
             break;
         }
-        // the last sample judged begins the part that ends with the first new one
-        let from = judged.saturating_sub(1);
-        let stands =
-            |speed: f64, time: f64| !stops_at_goal || speed.abs() < STANDSTILL_SPEED || time > ends - STANDSTILL_SPEED;
-        if let Some(sample) = watch.reached_in(vehicle, &run.log.samples[from..], stands) {
+        // a time step can lie between the last evaluated sample and the first new one
+        let from = evaluated.saturating_sub(1);
+        let counts = |speed, time| goal_counts(problem, speed, time, ends);
+        if let Some(sample) = watch.reached_in(vehicle, &run.log.samples[from..], counts) {
             run.log.samples.truncate(from + sample + 1);
-            run.outcome = Outcome::GoalReached;
+            run.outcome = if start == Start::AtGoal { Outcome::AlreadyAtGoal } else { Outcome::GoalReached };
             break;
         }
-        judged = run.log.samples.len();
-        if let Some(outcome) = ended(&run, scenario, settings, world.state().time, ends) {
+        evaluated = run.log.samples.len();
+        if let Some(outcome) = ended(&run, &watch, settings, world.state().time, ends) {
             run.outcome = outcome;
             break;
         }
@@ -227,8 +226,8 @@ pub fn drive_with<'a>(
     Ok(run)
 }
 
-/// The rig with the vehicle that is really in it.
-fn rig(
+/// The simulation, with the injected faults.
+fn world(
     scenario: &Scenario,
     problem: &PlanningProblem,
     vehicle: &Vehicle,
@@ -247,7 +246,7 @@ fn rig(
     })
 }
 
-/// One planning cycle from the initial state, without physics.
+/// One planning cycle from the initial state, without simulation.
 ///
 /// # Errors
 /// Settings out of their range. Finding no plan is an [`Outcome`].
@@ -261,19 +260,20 @@ pub fn plan<'a>(
     let begins = begin(scenario, problem);
     let mut planner = planner(scenario, problem, vehicle, settings)?;
     let mut run = Run::unstarted(scenario, problem, vehicle);
-    if let Some(reason) = planner.no_lane() {
-        run.reason = Some(reason.code());
+    let start = Start::of(scenario, problem, vehicle, settings, planner.no_lane());
+    start.explain(&mut run);
+    if start.is_final() {
         return Ok(run);
     }
     run.cycles.push(planner.cycle(&initial_state(problem, vehicle, begins)));
-    if run.is_ever_proven() {
+    if start == Start::Clear && run.is_ever_proven() {
         run.outcome = Outcome::Planned;
     }
     run.explain();
     Ok(run)
 }
 
-/// The time at which the problem begins, s.
+/// The start time of the problem, s.
 fn begin(scenario: &Scenario, problem: &PlanningProblem) -> f64 {
     problem.initial.time_step as f64 * scenario.time_step
 }
@@ -284,18 +284,24 @@ fn latest_end(watch: &GoalWatch, begins: f64, settings: &Settings) -> f64 {
     if watch.deadline() == f64::NEG_INFINITY { longest } else { watch.deadline().min(longest).max(begins) }
 }
 
-/// Slower than this is at rest, m/s.
+/// Largest speed at standstill, m/s.
 const STANDSTILL_SPEED: f64 = 0.05;
 
-/// Whether every goal asks for a speed so low that it means to stop there.
-fn stops_at_goal(problem: &PlanningProblem) -> bool {
+/// Whether a state inside the goal ends the run. A goal with a low speed limit means a stop: it counts at standstill, or at the
+/// latest end of the run.
+fn goal_counts(problem: &PlanningProblem, speed: f64, time: f64, ends: f64) -> bool {
+    /// A goal whose speed limit is below this asks for a stop, m/s.
     const STOP: f64 = 1.0;
-    !problem.goals.is_empty() && problem.goals.iter().all(|g| g.speed.is_some_and(|s| s.max < STOP))
+    /// Time before the latest end of the run from which the speed no longer matters, s.
+    const LAST: f64 = 0.05;
+    let asks_for_stop =
+        !problem.goals.is_empty() && problem.goals.iter().all(|g| g.speed.is_some_and(|s| s.max < STOP));
+    !asks_for_stop || speed.abs() < STANDSTILL_SPEED || time > ends - LAST
 }
 
-/// The vehicle as the planning problem has it, at the rear axle.
+/// The initial state of the planning problem, at the rear axle.
 fn initial_state(problem: &PlanningProblem, vehicle: &Vehicle, time: f64) -> State {
-    /// Below this speed a yaw rate says nothing about the steering, m/s.
+    /// Below this speed the yaw rate does not give the steering angle, m/s.
     const STEERING_KNOWN: f64 = 1.0;
     let initial = &problem.initial;
     let turning = initial.speed > STEERING_KNOWN;
@@ -312,23 +318,29 @@ fn initial_state(problem: &PlanningProblem, vehicle: &Vehicle, time: f64) -> Sta
     }
 }
 
-/// Whether the run is over without goal or contact.
-fn ended(run: &Run<'_>, scenario: &Scenario, settings: &Settings, time: f64, ends: f64) -> Option<Outcome> {
-    let rests_since = run.log.samples.iter().rposition(|s| s.speed.abs() > STANDSTILL_SPEED);
-    let rest_began = match rests_since {
-        Some(moving) => run.log.samples.get(moving + 1).map(|s| s.time),
-        None => run.log.samples.first().map(|s| s.time),
+/// The outcome of a run that is over without goal or contact; `None` if it goes on. Standstill ends a run if waiting cannot help:
+/// no obstacle moves any more, and no goal that is met but for its time opens later.
+fn ended(run: &Run<'_>, watch: &GoalWatch, settings: &Settings, time: f64, ends: f64) -> Option<Outcome> {
+    let samples = &run.log.samples;
+    let last_moving = samples.iter().rposition(|s| s.speed.abs() > STANDSTILL_SPEED);
+    let stopped_since = match last_moving {
+        Some(moving) => samples.get(moving + 1).map(|s| s.time),
+        None => samples.first().map(|s| s.time),
     };
-    let rested = rest_began.map_or(0.0, |t| time - t);
-    let proven = run.is_ever_proven();
-    let stopped = if proven { Outcome::StoppedSafely } else { Outcome::NoSafePlan };
+    let stopped_for = stopped_since.map_or(0.0, |t| time - t);
+    let stopped = if run.is_ever_proven() { Outcome::StoppedSafely } else { Outcome::NoSafePlan };
     if time >= ends - 1e-9 {
-        return Some(if rested > 0.0 { stopped } else { Outcome::TimedOut });
+        return Some(if stopped_for > 0.0 { stopped } else { Outcome::TimedOut });
     }
-    (rested >= settings.run.standstill_time && !moves_later(scenario, time)).then_some(stopped)
+    let waits_for_goal = || {
+        let centre = |s: &simulation::Sample| run.vehicle.centre_of_rear_axle(&s.pose);
+        samples.last().is_some_and(|s| watch.opens_later(&centre(s), s.speed, s.time))
+    };
+    let is_over = stopped_for >= settings.run.standstill_time && !moves_later(run.scenario, time) && !waits_for_goal();
+    is_over.then_some(stopped)
 }
 
-/// Whether any obstacle still moves after `time`, so that waiting may help.
+/// Whether any obstacle still moves after `time`, s.
 fn moves_later(scenario: &Scenario, time: f64) -> bool {
     scenario.obstacles.iter().any(|o| match &o.motion {
         Motion::Static(_) => false,
@@ -337,14 +349,14 @@ fn moves_later(scenario: &Scenario, time: f64) -> bool {
     })
 }
 
-/// Whether all that the hardest braking allowed was tried, and every way was too short for it.
+/// Whether every candidate of the last level, with the hardest braking allowed, was too short to stop on.
 fn cannot_stop(cycle: &Cycle) -> bool {
     let last_attempt = cycle.candidates.iter().map(|c| c.attempt).max();
     let mut last = cycle.candidates.iter().filter(|c| Some(c.attempt) == last_attempt).peekable();
     last.peek().is_some() && last.all(|c| matches!(c.rejected, Some(Rejection::CannotStop | Rejection::BlockedAtStart)))
 }
 
-/// Way to rest of a trajectory, m.
+/// Distance to standstill of a trajectory, m.
 fn stopping_distance(cycle: &Cycle) -> f64 {
     let profile = &cycle.committed.profile;
     profile.last().station - profile.at(0.0).station
@@ -373,33 +385,28 @@ impl<'a> Run<'a> {
         self.cycles.iter().any(|c| matches!(c.decision, crate::planner::Decision::NewPlan { .. }))
     }
 
-    /// Gives the reason where the outcome alone does not say it.
+    /// Sets the reason of a run without a proven plan. A reason from the start stays.
     fn explain(&mut self) {
-        let starts_in_contact = self.log.contact.is_some_and(|c| {
-            let first = self.log.samples.first().map_or(c.time, |s| s.time);
-            c.time <= first + 0.01
-        });
-        if starts_in_contact {
-            self.reason = Some("start_in_collision");
-        } else if !self.is_ever_proven() {
-            // no path at all, paths that are all too short to stop on, or paths and no proof on any
-            let no_edge = self.cycles.iter().all(|c| c.candidates.is_empty());
-            self.stopping_distance = self.cycles.first().filter(|c| cannot_stop(c)).map(stopping_distance);
-            self.reason = Some(match self.stopping_distance {
-                _ if no_edge => "no_feasible_edge",
-                Some(_) => "cannot_stop",
-                None => "no_proven_plan",
-            });
+        if self.reason.is_some() || self.is_ever_proven() {
+            return;
         }
+        // no path, only paths that are too short to stop on, or paths without a proof
+        let no_edge = self.cycles.iter().all(|c| c.candidates.is_empty());
+        self.stopping_distance = self.cycles.first().filter(|c| cannot_stop(c)).map(stopping_distance);
+        self.reason = Some(match self.stopping_distance {
+            _ if no_edge => "no_feasible_edge",
+            Some(_) => "cannot_stop",
+            None => "no_proven_plan",
+        });
     }
 
-    /// Judges the run. A run that stopped safely is judged as a stop, every other one by its goal.
+    /// Judges the run: a safe stop as a stop, every other outcome by the goal.
     fn judge(&mut self, settings: &verdict::Settings, branches: FallbackBranches<'_>) {
         let expect = if self.outcome == Outcome::StoppedSafely { Expectation::Stop } else { Expectation::Goal };
         let settings = verdict::Settings { expect, ..*settings };
         self.verdict = verdict::judge(self.scenario, self.problem, self.vehicle, &self.cycles, &self.log, &settings);
         let (fallbacks, left_out) = branches.finish();
-        self.verdict.add_fallbacks(verdict::fallback_stops(&fallbacks, left_out));
+        self.verdict.replace(verdict::fallback_stops(&fallbacks, left_out, &settings.fallbacks));
         self.fallbacks = fallbacks;
     }
 }

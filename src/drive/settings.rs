@@ -1,4 +1,4 @@
-//! What a user may set about a run, as read from `--config FILE.toml`.
+//! Settings of a run, as read from `--config FILE.toml`.
 
 use super::Faults;
 use crate::simulation::SimulationError;
@@ -10,16 +10,16 @@ use crate::{planner, simulation, verdict};
 pub struct Settings {
     /// The planner.
     pub planner: planner::Settings,
-    /// The physics rig.
+    /// The vehicle simulation.
     pub simulation: simulation::Settings,
-    /// Patches of road with other friction, as `[[friction]]` tables.
+    /// Regions of the road with other friction, as `[[friction]]` tables.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub friction: Vec<simulation::FrictionRegion>,
     /// The closed loop.
     pub run: RunSettings,
-    /// The verdict: tolerances, limits of comfort, fallbacks.
+    /// The verdict: tolerances, comfort limits, fallbacks.
     pub verdict: verdict::Settings,
-    /// What is made to go wrong.
+    /// Injected faults.
     pub faults: Faults,
 }
 
@@ -29,9 +29,9 @@ pub struct Settings {
 pub struct RunSettings {
     /// Time between planning cycles, s.
     pub replan_interval: f64,
-    /// Longest run, s, whatever the goal's time window says.
+    /// Longest run, s, regardless of the time window of the goal.
     pub longest: f64,
-    /// Time at rest, with nothing moving any more, after which a run has ended, s.
+    /// Time at standstill after which a run ends if waiting cannot help, s.
     pub standstill_time: f64,
 }
 
@@ -49,54 +49,54 @@ pub struct SettingsError {
     pub field: String,
     /// Its value.
     pub value: f64,
-    /// What it should be.
+    /// Its range.
     pub expected: String,
 }
 
-fn wrong(field: impl Into<String>, value: f64, expected: impl Into<String>) -> Result<(), SettingsError> {
+fn refuse(field: impl Into<String>, value: f64, expected: impl Into<String>) -> Result<(), SettingsError> {
     Err(SettingsError { field: field.into(), value, expected: expected.into() })
 }
 
-/// A path may be moved sideways by less than the narrowest vehicle is wide, m: probes on both sides then see what is
-/// between them.
+/// Largest lateral shift of a refined path, m. It is less than the width of the narrowest vehicle, so probes on both sides
+/// detect everything between them.
 const WIDEST_CORRIDOR: f64 = 1.0;
 
-/// Edges of a lattice at most: a cycle looks at a good part of them.
+/// Most edges of a lattice: a cycle evaluates a large part of them.
 const MOST_EDGES: f64 = 1e5;
 
 impl Settings {
-    /// Checks every value's range, those of the collision checks and of the physics rig included.
+    /// Checks the range of every value, including those of the collision checks and of the simulation.
     ///
     /// # Errors
     /// The first setting out of its range.
     pub fn validate(&self) -> Result<(), SettingsError> {
         self.signs()?;
-        self.sane()?;
+        self.plausible()?;
         self.order()?;
         self.bounded_work()?;
         self.shares()?;
         self.headings()?;
         self.planner.collision.validate().or_else(|e| {
-            wrong(format!("planner.collision.{}", e.field), e.value, format!("from {} to {}", e.min, e.max))
+            refuse(format!("planner.collision.{}", e.field), e.value, format!("from {} to {}", e.min, e.max))
         })?;
-        self.verdict.validate().or_else(|e| wrong(format!("verdict.{}", e.name), e.value, e.expected))?;
-        if let Some((name, value, expected)) = self.faults.wrong() {
-            return wrong(format!("faults.{name}"), value, expected);
+        self.verdict.validate().or_else(|e| refuse(format!("verdict.{}", e.name), e.value, e.expected))?;
+        if let Some((name, value, expected)) = self.faults.out_of_range() {
+            return refuse(format!("faults.{name}"), value, expected);
         }
         for (index, region) in self.friction.iter().enumerate() {
             if let Err(SimulationError::Friction { key, value, expected, .. }) = region.validate(index) {
-                return wrong(format!("friction[{index}].{key}"), value, expected);
+                return refuse(format!("friction[{index}].{key}"), value, expected);
             }
         }
         match self.simulation.validate() {
             Err(SimulationError::Setting { name, value, expected }) => {
-                wrong(format!("simulation.{name}"), value, expected)
+                refuse(format!("simulation.{name}"), value, expected)
             }
             _ => Ok(()),
         }
     }
 
-    /// What has to be positive, and what at least zero.
+    /// Checks the values that must be positive or not negative.
     fn signs(&self) -> Result<(), SettingsError> {
         let p = &self.planner;
         let l = &p.lattice;
@@ -127,12 +127,12 @@ impl Settings {
         });
         for (field, value) in positive.map(|(field, value)| (field.to_owned(), value)).into_iter().chain(emergency) {
             if !(value.is_finite() && value > 0.0) {
-                return wrong(field, value, "positive and finite");
+                return refuse(field, value, "positive and finite");
             }
         }
-        // infinite is a bound here: none
+        // infinity means no bound
         if p.uncertainty.max_lateral_deviation.is_nan() || p.uncertainty.max_lateral_deviation < 0.0 {
-            return wrong(
+            return refuse(
                 "planner.uncertainty.max_lateral_deviation",
                 p.uncertainty.max_lateral_deviation,
                 "zero or more",
@@ -140,7 +140,7 @@ impl Settings {
         }
         let corridor = p.refinement.corridor;
         if !(corridor > 0.0 && corridor <= WIDEST_CORRIDOR) {
-            return wrong("planner.refinement.corridor", corridor, "positive, and at most 1 m");
+            return refuse("planner.refinement.corridor", corridor, "positive, and at most 1 m");
         }
         let not_negative = [
             ("planner.refinement.min_gain", p.refinement.min_gain),
@@ -152,14 +152,14 @@ impl Settings {
         ];
         for (field, value) in not_negative.into_iter().chain(l.weights.named()) {
             if !(value.is_finite() && value >= 0.0) {
-                return wrong(field, value, "zero or more, and finite");
+                return refuse(field, value, "zero or more, and finite");
             }
         }
         Ok(())
     }
 
-    /// What would mean nothing beyond a bound: a typing error, most likely.
-    fn sane(&self) -> Result<(), SettingsError> {
+    /// Checks the values that are most likely a typing error beyond a bound.
+    fn plausible(&self) -> Result<(), SettingsError> {
         let (p, l) = (&self.planner, &self.planner.lattice);
         let mut bounded = vec![
             ("run.longest".to_owned(), self.run.longest, 86_400.0, "s"),
@@ -175,28 +175,28 @@ impl Settings {
             bounded.push((format!("planner.emergency[{i}].deceleration"), e.deceleration, 20.0, "m/s²"));
         }
         match bounded.into_iter().find(|(_, value, most, _)| value > most) {
-            Some((field, value, most, unit)) => wrong(field, value, format!("at most {most} {unit}").trim_end()),
+            Some((field, value, most, unit)) => refuse(field, value, format!("at most {most} {unit}").trim_end()),
             None => Ok(()),
         }
     }
 
-    /// What has to be no less than another setting.
+    /// Checks the values that must not be less than another setting.
     fn order(&self) -> Result<(), SettingsError> {
         let (p, l) = (&self.planner, &self.planner.lattice);
         if l.max_edge_length < l.min_edge_length {
-            return wrong(
+            return refuse(
                 "planner.lattice.max_edge_length",
                 l.max_edge_length,
                 "at least planner.lattice.min_edge_length",
             );
         }
         if p.max_horizon < p.min_horizon {
-            return wrong("planner.max_horizon", p.max_horizon, "at least planner.min_horizon");
+            return refuse("planner.max_horizon", p.max_horizon, "at least planner.min_horizon");
         }
         Ok(())
     }
 
-    /// Settings that would make a run endless, fill the memory, or leave nothing that can be planned with.
+    /// Checks the values that bound run time and memory.
     fn bounded_work(&self) -> Result<(), SettingsError> {
         let (p, l) = (&self.planner, &self.planner.lattice);
         let counts = [
@@ -211,19 +211,19 @@ impl Settings {
             ("planner.lattice.root_layers", l.root_layers as f64, "1 to 20", 1.0, 20.0),
             ("planner.lattice.grid", l.grid, "0.5 to 100 m", 0.5, 100.0),
             ("planner.lattice.candidates", l.candidates as f64, "1 to 1000", 1.0, 1000.0),
-            ("planner.emergency (stages)", p.emergency.len() as f64, "0 to 16", 0.0, 16.0),
+            ("number of planner.emergency levels", p.emergency.len() as f64, "0 to 16", 0.0, 16.0),
             ("planner.expansions", p.expansions as f64, "1 to 10000000", 1.0, 1e7),
             ("planner.refinement.iterations", p.refinement.iterations as f64, "1 to 100", 1.0, 100.0),
             ("planner.max_horizon", p.max_horizon, "1 to 1000 m", 1.0, 1000.0),
             ("planner.cruise_speed", p.cruise_speed, "at most 150 m/s", 0.0, 150.0),
-            // passengers feel nothing below, and a vehicle that may change its acceleration no faster cannot stop in time
+            // a lower jerk is not noticeable and too slow to stop in time
             ("planner.jerk", p.jerk, "0.5 to 1000 m/s³", 0.5, 1000.0),
             ("run.longest", self.run.longest, "1 to 3600 s", 1.0, 3600.0),
             ("run.replan_interval", self.run.replan_interval, "0.01 to 1 s", 0.01, 1.0),
         ];
         for (field, value, expected, least, most) in counts {
             if !(least..=most).contains(&value) {
-                return wrong(field, value, expected);
+                return refuse(field, value, expected);
             }
         }
         Ok(())
@@ -236,51 +236,51 @@ impl Settings {
             ("planner.refinement.min_gain", self.planner.refinement.min_gain),
         ];
         if let Some((field, value)) = shares.into_iter().find(|(_, value)| *value > 1.0) {
-            return wrong(field, value, "at most 1");
+            return refuse(field, value, "at most 1");
         }
         let u = &self.planner.uncertainty;
         for (field, value) in
             [("planner.uncertainty.longitudinal", u.longitudinal), ("planner.uncertainty.lateral", u.lateral)]
         {
             if value > HARDEST_TRAFFIC {
-                return wrong(field, value, "at most 20 m/s²");
+                return refuse(field, value, "at most 20 m/s²");
             }
         }
-        // costs are compared in millionths: larger weights would make all of them equal
+        // costs are compared in millionths; larger weights would make all of them equal
         match self.planner.lattice.weights.named().into_iter().find(|(_, value)| *value > LARGEST_WEIGHT) {
-            Some((field, value)) => wrong(field, value, "at most 1e6"),
+            Some((field, value)) => refuse(field, value, "at most 1e6"),
             None => Ok(()),
         }
     }
 
-    /// Headings of the lattice's nodes: some, each once, and not too many for the number of edges.
+    /// Checks the headings of the lattice nodes: at least one, each once, and not too many edges.
     fn headings(&self) -> Result<(), SettingsError> {
         let l = &self.planner.lattice;
         let count = l.headings.len();
         if !(1..=9).contains(&count) {
-            return wrong("number of planner.lattice.headings", count as f64, "1 to 9; [0.0] is along the road alone");
+            return refuse("number of planner.lattice.headings", count as f64, "1 to 9; [0.0] is along the road alone");
         }
         for (i, &heading) in l.headings.iter().enumerate() {
             let field = || format!("planner.lattice.headings[{i}]");
             if !(-1.0..=1.0).contains(&heading) {
-                return wrong(field(), heading, "from -1 to 1 rad");
+                return refuse(field(), heading, "from -1 to 1 rad");
             }
             if l.headings[..i].contains(&heading) {
-                return wrong(field(), heading, "another heading than those before it");
+                return refuse(field(), heading, "different from the headings before it");
             }
         }
-        // edges between two layers go from every node to every node
+        // edges between two layers connect every node to every node
         let nodes = (2.0 * (l.offset_limit / l.offset_spacing).floor() + 1.0) * count as f64;
         let edges = nodes * nodes * l.layers as f64;
         if edges > MOST_EDGES {
             let field = "planner.lattice: edges, (offsets × headings)² × layers,";
-            return wrong(field, edges, "at most 100000: more offset_spacing, fewer headings or layers");
+            return refuse(field, edges, "at most 100000: more offset_spacing, fewer headings or layers");
         }
         Ok(())
     }
 }
 
-/// Accelerations of traffic that are more than any tyre gives, m/s².
+/// Largest acceleration of other traffic, m/s²; no tyre gives more.
 const HARDEST_TRAFFIC: f64 = 20.0;
 /// Largest weight of a cost term.
 const LARGEST_WEIGHT: f64 = 1e6;
@@ -290,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn defaults_are_valid_and_one_wrong_value_is_named() {
+    fn defaults_are_valid_and_errors_name_the_setting() {
         assert_eq!(Settings::default().validate(), Ok(()));
         let mut wrong = Settings::default();
         wrong.planner.lattice.grid = 0.0;
@@ -315,40 +315,40 @@ mod tests {
         assert_eq!(wrong.validate().unwrap_err().field, "run.replan_interval");
     }
 
-    /// The complaint about a TOML text.
-    fn complaint(text: &str) -> String {
+    /// The error message for a TOML text.
+    fn message(text: &str) -> String {
         let settings: Settings = toml::from_str(text).unwrap();
         settings.validate().expect_err(text).to_string()
     }
 
     #[test]
-    fn settings_of_the_rig_and_of_the_collision_checks_are_checked_with_the_rest() {
-        let simulation = complaint("[simulation]\nstep = 0.5");
+    fn settings_of_simulation_and_collision_checks_are_validated() {
+        let simulation = message("[simulation]\nstep = 0.5");
         assert_eq!(simulation, "setting `simulation.step` is 0.5, it must be from 0.00001 to 0.002 s");
-        let collision = complaint("[planner.collision]\nspacing = nan");
+        let collision = message("[planner.collision]\nspacing = nan");
         assert_eq!(collision, "setting `planner.collision.spacing` is NaN, it must be from 0.01 to 2");
-        let margin = complaint("[planner.collision.static_obstacles]\nlateral = -1.0\nlongitudinal = 0.0");
+        let margin = message("[planner.collision.static_obstacles]\nlateral = -1.0\nlongitudinal = 0.0");
         assert!(margin.contains("`planner.collision.static_obstacles.lateral` is -1"), "{margin}");
     }
 
     #[test]
-    fn headings_are_some_finite_and_each_there_once() {
-        let of = |headings: &str| complaint(&format!("[planner.lattice]\nheadings = {headings}"));
+    fn headings_must_be_finite_and_distinct() {
+        let of = |headings: &str| message(&format!("[planner.lattice]\nheadings = {headings}"));
         assert!(of("[]").contains("number of planner.lattice.headings` is 0, it must be 1 to 9"), "{}", of("[]"));
         assert!(of("[0.0, nan]").contains("planner.lattice.headings[1]` is NaN, it must be from -1 to 1 rad"));
         assert!(of("[0.0, 2.0]").contains("headings[1]` is 2"));
-        assert!(of("[0.1, 0.0, 0.1]").contains("headings[2]` is 0.1, it must be another heading"));
-        assert!(of("[0.0, -0.0]").contains("another heading"));
+        assert!(of("[0.1, 0.0, 0.1]").contains("headings[2]` is 0.1, it must be different from"));
+        assert!(of("[0.0, -0.0]").contains("different from"));
         let ten: Vec<f64> = (0..10).map(|i| 0.01 * f64::from(i)).collect();
         assert!(of(&format!("{ten:?}")).contains("is 10, it must be 1 to 9"));
     }
 
     #[test]
-    fn absurd_values_are_refused_with_the_range() {
+    fn refuses_implausible_values_with_their_range() {
         for (text, range) in [
             ("[planner]\nstandoff = 200.0", "planner.standoff` is 200, it must be at most 100 m"),
             ("[planner]\ntime_gap = 61.0", "at most 60 s"),
-            ("[run]\nrest = 1e300", "at most 3600 s"),
+            ("[run]\nstandstill_time = 1e300", "at most 3600 s"),
             ("[planner.lattice]\nmax_slope = 11.0", "at most 10"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
             ("[planner]\nemergency_speed_factor = 11.0", "at most 10 times the cruising speed"),
@@ -357,12 +357,12 @@ mod tests {
             ("[planner.lattice]\nroot_layers = 0", "1 to 20"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 0.0", "planner.emergency[0].deceleration"),
         ] {
-            assert!(complaint(text).contains(range), "{}", complaint(text));
+            assert!(message(text).contains(range), "{}", message(text));
         }
     }
 
     #[test]
-    fn the_bounds_of_motions_are_checked_and_may_leave_the_lane_unbounded() {
+    fn bounds_of_traffic_motion_are_validated_and_may_be_infinite_laterally() {
         let read = |text: &str| {
             let settings: Settings = toml::from_str(&format!("[planner.uncertainty]\n{text}")).unwrap();
             settings.validate().map_err(|e| e.field)
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn every_weight_is_checked() {
+    fn every_weight_is_validated() {
         for (name, _) in crate::lattice::Weights::default().named() {
             for wrong in ["-0.001", "nan", "inf", "1.1e6"] {
                 let (table, key) = name.rsplit_once('.').unwrap();
@@ -397,12 +397,12 @@ mod tests {
             }
             let (table, key) = name.rsplit_once('.').unwrap();
             let off: Settings = toml::from_str(&format!("[{table}]\n{key} = 0.0")).unwrap();
-            assert_eq!(off.validate(), Ok(()), "{name} = 0 switches a term off");
+            assert_eq!(off.validate(), Ok(()), "{name} = 0 turns a term off");
         }
     }
 
     #[test]
-    fn a_lattice_of_too_many_edges_is_refused_though_each_of_its_counts_is_allowed() {
+    fn refuses_too_many_lattice_edges_with_allowed_counts() {
         let headings = "headings = [-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2]";
         let settings: Settings = toml::from_str(&format!("[planner.lattice]\n{headings}")).unwrap();
         assert!(settings.validate().unwrap_err().to_string().contains("edges"));
@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_are_refused() {
+    fn refuses_unknown_keys() {
         let error = toml::from_str::<Settings>("[planner]\ncruise_sped = 3.0").unwrap_err();
         assert!(error.to_string().contains("cruise_sped"), "{error}");
     }

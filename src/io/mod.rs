@@ -6,6 +6,7 @@
 pub mod commonroad;
 pub mod csv;
 pub mod files;
+pub mod kind;
 pub mod ros_map;
 pub mod settings_file;
 pub mod solution;

@@ -8,7 +8,7 @@ use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_speed_limits, make_reachable};
 use crate::speed::{
-    AccelerationLimits, NoPlan, Refutation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
+    AccelerationLimits, NoPlan, ProofViolation, Resolution, SpeedOutcome, SpeedProblem, Strategy, TimeInterval, prove,
     search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
@@ -67,7 +67,7 @@ pub(super) struct Proven {
 
 impl Proven {
     /// Checks the raw profile by code that is independent of the search. A committed profile must pass.
-    pub(super) fn reverify(&self) -> Result<(), Refutation> {
+    pub(super) fn reverify(&self) -> Result<(), ProofViolation> {
         prove(&self.problem, &self.raw_profile)
     }
 }
@@ -100,7 +100,7 @@ impl Situation<'_> {
             SpeedOutcome::NoPlan { why, .. } => {
                 let why = match why {
                     NoPlan::CannotStop { .. } => Rejection::CannotStop,
-                    NoPlan::Spent(_) => Rejection::NoProofInBudget,
+                    NoPlan::BudgetExhausted(_) => Rejection::NoProofInBudget,
                     NoPlan::NoSafeState => Rejection::NoProof,
                 };
                 Evaluation::Rejected { why, expansions }
@@ -109,13 +109,13 @@ impl Situation<'_> {
                 if let Some(brisk) = tail::without_creeping(&problem, &plan) {
                     plan = brisk;
                 }
-                let progress = smoothing::unsmoothed(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
+                let progress = smoothing::raw_profile(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
                 let speed_limits = self.hard_speed_limits(path, &problem.stations);
                 let target_speed_limits = std::mem::replace(&mut problem.speed_limits, speed_limits);
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
-                match smoothing::unsmoothed(&problem, &plan).zip(progress) {
+                match smoothing::raw_profile(&problem, &plan).zip(progress) {
                     Some((raw_profile, progress)) => Evaluation::Proven(Box::new(Proven {
                         #[cfg(test)]
                         raw_profile: fault::applied(raw_profile),

@@ -42,6 +42,9 @@ pub enum NoLane {
 }
 
 impl NoLane {
+    /// Every reason.
+    pub const ALL: [Self; 3] = [Self::StartOffRoad, Self::GoalUnreachable, Self::NoReference];
+
     /// The stable code used in reports.
     #[must_use]
     pub fn code(self) -> &'static str {
@@ -49,6 +52,17 @@ impl NoLane {
             Self::StartOffRoad => "start_off_road",
             Self::GoalUnreachable => "goal_unreachable",
             Self::NoReference => "no_reference_line",
+        }
+    }
+
+    /// The positions and lanelets behind the reason, as a sentence; `None` if there is nothing to add to the code.
+    #[must_use]
+    pub fn detail(self, scenario: &Scenario, problem: &PlanningProblem) -> Option<String> {
+        let (network, start, settings) = (&scenario.network, &problem.initial.centre, route_settings());
+        match self {
+            Self::StartOffRoad => Some(route::explain::off_road(network, start, &settings)),
+            Self::GoalUnreachable => Some(route::explain::unreachable(network, start, &problem.goals, &settings)),
+            Self::NoReference => None,
         }
     }
 }
@@ -59,6 +73,10 @@ const KEPT_FREE: [&str; 2] = ["intersection", "crosswalk"];
 /// Length of the route ahead, m.
 const LOOK_AHEAD: f64 = 450.0;
 
+fn route_settings() -> RouteSettings {
+    RouteSettings { look_ahead: LOOK_AHEAD, ..RouteSettings::default() }
+}
+
 impl Lane {
     /// The lanes of the route from a pose of the vehicle's centre.
     pub(super) fn all(
@@ -67,8 +85,7 @@ impl Lane {
         centre: &Pose,
         vehicle: &Vehicle,
     ) -> Result<Vec<Self>, NoLane> {
-        let route_settings = RouteSettings { look_ahead: LOOK_AHEAD, ..RouteSettings::default() };
-        let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings) {
+        let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings()) {
             RouteOutcome::Found(route) => route,
             RouteOutcome::Unreachable(_) => return Err(NoLane::GoalUnreachable),
             RouteOutcome::OffRoad => return Err(NoLane::StartOffRoad),

@@ -141,6 +141,34 @@ impl fmt::Display for Rejection {
 }
 
 impl Cycle {
+    /// What was committed and why, in one line.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let rejected = || {
+            let counts = Rejection::ALL.map(|why| (why, self.rejections(why)));
+            let counts = counts.iter().filter(|(_, count)| *count > 0).map(|(why, count)| format!("{count} {why}"));
+            counts.collect::<Vec<_>>().join(", ")
+        };
+        let no_proof = || match rejected() {
+            counts if counts.is_empty() => "no candidate".to_owned(),
+            counts => format!("no candidate has a proven stop ({counts})"),
+        };
+        match self.decision {
+            Decision::NewPlan { deceleration } => {
+                let candidate = self.chosen.and_then(|i| self.candidates.get(i));
+                let what = candidate.map_or_else(String::new, |c| format!(" lane {}, cost {:.2},", c.lane, c.cost));
+                let stop = self.committed.profile.last().station - self.committed.at(self.time).station;
+                let robust = if self.is_robust { ", robust" } else { "" };
+                format!("new plan:{what} proven stop at {stop:.1} m with at most {deceleration:.1} m/s²{robust}")
+            }
+            Decision::KeepPrevious if self.rejections(Rejection::BelowSwitchingThreshold) > 0 => {
+                "keep previous plan: the best candidate is below the switching threshold".to_owned()
+            }
+            Decision::KeepPrevious => format!("keep previous plan: {}", no_proof()),
+            Decision::Unproven => format!("emergency braking: no plan was ever proven, {}", no_proof()),
+        }
+    }
+
     /// Number of candidates that were rejected for this reason.
     #[must_use]
     pub fn rejections(&self, reason: Rejection) -> usize {
@@ -223,5 +251,40 @@ mod tests {
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "duplicate or out of order");
         assert_eq!(Rejection::ALL[8], Rejection::BelowSwitchingThreshold, "the last reason is missing");
+    }
+
+    #[test]
+    fn the_summary_says_what_was_committed_and_why() {
+        use crate::fixtures::{cycle, knot, straight};
+        let profile = crate::trajectory::SpeedProfile::new(vec![knot(0.0, 0.0, 8.0, -1.0), knot(8.0, 32.0, 0.0, 0.0)]);
+        let path = straight(crate::geometry::Pose::new(0.0, 0.0, 0.0), 40.0);
+        let committed = Trajectory { start_time: 0.0, path: path.clone(), profile: profile.unwrap() };
+        let mut record = cycle(2.0, committed);
+        // after 2 s at 1 m/s² from 8 m/s the vehicle is at 14 m
+        assert_eq!(record.summary(), "new plan: proven stop at 18.0 m with at most 1.5 m/s²");
+        let candidate = |rejected, cost| Candidate {
+            path: path.clone(),
+            lane: 1,
+            attempt: 0,
+            cost,
+            terms: CostTerms::default(),
+            rejected,
+        };
+        record.candidates = vec![candidate(Some(Rejection::NoProof), 1.0), candidate(None, 3.214)];
+        (record.chosen, record.is_robust) = (Some(1), true);
+        let summary = "new plan: lane 1, cost 3.21, proven stop at 18.0 m with at most 1.5 m/s², robust";
+        assert_eq!(record.summary(), summary);
+        (record.decision, record.chosen) = (Decision::KeepPrevious, None);
+        record.candidates = vec![
+            candidate(Some(Rejection::NoProof), 1.0),
+            candidate(Some(Rejection::BlockedAtStart), 1.0),
+            candidate(Some(Rejection::NoProof), 1.0),
+        ];
+        let summary = "keep previous plan: no candidate has a proven stop (1 blocked_at_start, 2 no_proof)";
+        assert_eq!(record.summary(), summary);
+        record.candidates.push(candidate(Some(Rejection::BelowSwitchingThreshold), 1.0));
+        assert_eq!(record.summary(), "keep previous plan: the best candidate is below the switching threshold");
+        (record.decision, record.candidates) = (Decision::Unproven, Vec::new());
+        assert_eq!(record.summary(), "emergency braking: no plan was ever proven, no candidate");
     }
 }

@@ -1,4 +1,4 @@
-//! Panels with two axes: round ticks, curves, limit lines.
+//! Panels with two axes: rounded ticks, curves, limit lines.
 
 use std::borrow::Cow;
 
@@ -7,7 +7,7 @@ use super::svg::{Element, Page, Svg, number};
 
 /// A curve of a panel.
 pub(super) struct Curve {
-    /// (across, value), usually in order of what runs across.
+    /// (horizontal, vertical) values, usually in horizontal order.
     pub(super) points: Vec<(f64, f64)>,
     /// Colour.
     pub(super) colour: Cow<'static, str>,
@@ -15,37 +15,37 @@ pub(super) struct Curve {
     pub(super) width: f64,
     /// Dash pattern, empty for a solid line.
     pub(super) dash: &'static str,
-    /// Class for whoever reads the file.
+    /// CSS class.
     pub(super) class: &'static str,
 }
 
 /// A horizontal line at a limit.
 pub(super) struct LimitLine {
-    /// Where.
+    /// Value of the limit.
     pub(super) value: f64,
-    /// What it is.
+    /// Label beside the line.
     pub(super) label: &'static str,
     /// Colour.
     pub(super) colour: &'static str,
 }
 
-/// A panel: values over time, or over something else.
+/// A panel: values over time or another quantity.
 pub(super) struct Panel {
     /// Title with the unit.
     pub(super) title: &'static str,
     /// Id of its group.
     pub(super) id: &'static str,
-    /// Names of curves with their colours, written to the right of the title.
-    pub(super) key: Vec<(&'static str, &'static str)>,
+    /// Legend: names of curves with their colours, right of the title.
+    pub(super) legend: Vec<(&'static str, &'static str)>,
     /// Curves, drawn in order.
     pub(super) curves: Vec<Curve>,
     /// Limit lines.
     pub(super) limits: Vec<LimitLine>,
-    /// Part of the horizontal axis that is shown.
-    pub(super) across: (f64, f64),
-    /// What runs along it, with the unit.
+    /// Range of the horizontal axis.
+    pub(super) x: (f64, f64),
+    /// Label of the horizontal axis, with the unit.
     pub(super) axis: &'static str,
-    /// Values that are shown at least.
+    /// Range that the vertical axis covers at least.
     pub(super) at_least: (f64, f64),
 }
 
@@ -60,7 +60,7 @@ pub(super) struct Area {
     pub(super) height: f64,
 }
 
-/// Room for the tick labels left of and below the plot, and for the title above, px.
+/// Space for the tick labels to the left of and below the plot, and for the title above it, px.
 const LEFT: f64 = 40.0;
 const BELOW: f64 = 32.0;
 const ABOVE: f64 = 24.0;
@@ -73,12 +73,12 @@ impl Panel {
             width: area.width - LEFT,
             height: area.height - ABOVE - BELOW,
         };
-        let x = Scale::new(self.across, (plot.corner.0, plot.corner.0 + plot.width));
+        let x = Scale::new(self.x, (plot.corner.0, plot.corner.0 + plot.width));
         let y = Scale::new(self.value_range(), (plot.corner.1 + plot.height, plot.corner.1));
         svg.group(&Element::new("g").with("id", self.id), |svg| {
             let title = Element::new("text").num("x", plot.corner.0).num("y", area.corner.1 + 12.0);
             svg.add_text(&title.num("font-size", 13.0).with("font-weight", "600").with("fill", style::INK), self.title);
-            self.draw_key(svg, (plot.corner.0 + plot.width, area.corner.1 + 12.0));
+            self.draw_legend(svg, (plot.corner.0 + plot.width, area.corner.1 + 12.0));
             grid(svg, plot, (&x, self.axis), &y);
             let clip = format!("clip-{}", self.id);
             svg.group(&Element::new("clipPath").with("id", &clip), |svg| {
@@ -95,21 +95,21 @@ impl Panel {
         });
     }
 
-    fn draw_key(&self, svg: &mut Svg, (right, y): Page) {
+    fn draw_legend(&self, svg: &mut Svg, (right, y): Page) {
         let mut x = right;
-        for (name, colour) in self.key.iter().rev() {
+        for (name, colour) in self.legend.iter().rev() {
             let text = Element::new("text").num("x", x).num("y", y).num("font-size", 11.0);
             svg.add_text(&text.with("text-anchor", "end").with("fill", colour), name);
             x -= 6.4 * name.chars().count() as f64 + 12.0;
         }
     }
 
-    /// The values to show: those of the curves (within reason) and `at_least`, with a little air.
+    /// Vertical range: all finite values and `at_least`, with a margin.
     fn value_range(&self) -> (f64, f64) {
         let values = self.curves.iter().flat_map(|c| &c.points).map(|p| p.1).filter(|v| v.is_finite());
         let (low, high) = values.fold(self.at_least, |(low, high), v| (low.min(v), high.max(v)));
-        let air = 0.06 * (high - low);
-        (if low < 0.0 { low - air } else { low }, high + air)
+        let margin = 0.06 * (high - low);
+        (if low < 0.0 { low - margin } else { low }, high + margin)
     }
 }
 
@@ -134,9 +134,9 @@ impl LimitLine {
         let (left, right, level) = (plot.corner.0, plot.corner.0 + plot.width, y.at(self.value));
         let line = Element::line((left, level), (right, level)).with("class", "limit").with("stroke", self.colour);
         svg.add(&line.num("stroke-width", 1.0).with("stroke-dasharray", "5 4"));
-        // below the line near the top of the panel, where there is no room above it
-        let lift = if level - plot.corner.1 < 13.0 { 11.0 } else { -3.5 };
-        let label = Element::new("text").num("x", right - 3.0).num("y", level + lift).num("font-size", 10.0);
+        // below the line near the top of the panel, where there is no space above it
+        let offset = if level - plot.corner.1 < 13.0 { 11.0 } else { -3.5 };
+        let label = Element::new("text").num("x", right - 3.0).num("y", level + offset).num("font-size", 10.0);
         svg.add_text(&label.with("text-anchor", "end").with("fill", self.colour), self.label);
     }
 }
@@ -154,16 +154,16 @@ fn grid(svg: &mut Svg, plot: Area, (x, axis): (&Scale, &str), y: &Scale) {
         svg.add_text(&text, &signed(tick));
     }
     for tick in ticks(x.from, (plot.width / 60.0).clamp(2.0, 10.0)) {
-        let across = x.at(tick);
-        svg.add(&Element::line((across, top), (across, bottom)).with("stroke", style::GRID).num("stroke-width", 1.0));
-        let text = label.clone().num("x", across).num("y", bottom + 15.0).with("text-anchor", "middle");
+        let column = x.at(tick);
+        svg.add(&Element::line((column, top), (column, bottom)).with("stroke", style::GRID).num("stroke-width", 1.0));
+        let text = label.clone().num("x", column).num("y", bottom + 15.0).with("text-anchor", "middle");
         svg.add_text(&text, &signed(tick));
     }
     let text = label.num("x", right).num("y", bottom + 28.0).with("text-anchor", "end");
     svg.add_text(&text, axis);
 }
 
-/// A number with a proper minus sign.
+/// A number with a typographic minus sign.
 fn signed(value: f64) -> String {
     number(value).replace('-', "−")
 }
@@ -176,10 +176,10 @@ struct Scale {
 }
 
 impl Scale {
-    /// A scale; an empty or unordered interval of values is opened to length 1.
+    /// A scale; an empty or unordered interval of values is replaced by one of length 1.
     fn new(from: (f64, f64), to: (f64, f64)) -> Self {
-        let opened = if from.1 > from.0 { from } else { (from.0, from.0 + 1.0) };
-        Self { from: opened, to }
+        let interval = if from.1 > from.0 { from } else { (from.0, from.0 + 1.0) };
+        Self { from: interval, to }
     }
 
     fn at(&self, value: f64) -> f64 {
@@ -187,15 +187,15 @@ impl Scale {
     }
 }
 
-/// Round numbers (1, 2 or 5 times a power of ten apart) in the interval, about `count` of them.
+/// Multiples of a rounded step (1, 2 or 5 times a power of ten) in the interval, about `count` of them.
 fn ticks(range: (f64, f64), count: f64) -> Vec<f64> {
     let step = nice_step((range.1 - range.0) / count);
-    #[allow(clippy::cast_possible_truncation)] // a handful: the step is made from the range
+    #[allow(clippy::cast_possible_truncation)] // few: the step follows from the range
     let (first, last) = ((range.0 / step - 1e-9).ceil() as i64, (range.1 / step + 1e-9).floor() as i64);
     (first..=last).map(|i| i as f64 * step).collect()
 }
 
-/// The smallest 1, 2 or 5 times a power of ten that is not below `step`; 1 for what is not a positive number.
+/// The smallest 1, 2 or 5 times a power of ten that is at least `step`; 1 if `step` is not a positive number.
 pub(crate) fn nice_step(step: f64) -> f64 {
     if !(step.is_finite() && step > 0.0) {
         return 1.0;
@@ -220,23 +220,23 @@ mod tests {
 
     proptest! {
         #[test]
-        fn ticks_lie_in_the_interval_and_are_few(low in -1e4..1e4f64, length in 1e-3..1e4f64, count in 2.0..10.0f64) {
-            let found = ticks((low, low + length), count);
+        fn ticks_are_few_and_inside_the_interval(low in -1e4..1e4f64, length in 1e-3..1e4f64, count in 2.0..10.0f64) {
+            let ticks = super::ticks((low, low + length), count);
             let slack = 1e-6 * length;
-            prop_assert!(found.iter().all(|t| *t >= low - slack && *t <= low + length + slack));
-            prop_assert!(found.len() as f64 <= count + 2.0, "{found:?}");
+            prop_assert!(ticks.iter().all(|t| *t >= low - slack && *t <= low + length + slack));
+            prop_assert!(ticks.len() as f64 <= count + 2.0, "{ticks:?}");
         }
     }
 
     #[test]
-    fn an_empty_panel_draws_without_a_number_that_is_none() {
+    fn an_empty_panel_contains_no_invalid_numbers() {
         let panel = Panel {
             title: "t",
             id: "p",
-            key: vec![],
+            legend: vec![],
             curves: vec![],
             limits: vec![],
-            across: (0.0, 0.0),
+            x: (0.0, 0.0),
             axis: "time, s",
             at_least: (0.0, 0.0),
         };

@@ -17,13 +17,13 @@ use crate::trajectory::{Path, SpeedProfile, Trajectory};
 use crate::vehicle::{Comfort, Footprint, Vehicle};
 use crate::verdict::{Check, Status, Verdict};
 
-/// Everything that a [`Run`] borrows.
+/// The values that a [`Run`] borrows.
 pub(crate) struct Example {
     pub(crate) scenario: Scenario,
     pub(crate) vehicle: Vehicle,
 }
 
-/// Where the road starts: UTM magnitudes, so that a lost local origin shows.
+/// Origin of the road: UTM magnitudes, so that a missing local origin is visible.
 pub(crate) const EAST: f64 = 691_000.0;
 pub(crate) const NORTH: f64 = 5_335_000.0;
 const CYCLES: u32 = 20;
@@ -103,10 +103,10 @@ fn obstacles() -> Vec<Obstacle> {
         TimedOccupancy { from, to: from + 0.1, region }
     });
     let of_kind = |kind, id, shape, motion| Obstacle { kind, ..fixtures::obstacle(id, shape, motion) };
-    let (in_the_way, still) = (Pose { position: at(47.0, -0.8), yaw: 0.03 }, Motion::Static(Pose::new(0.0, 0.0, 0.0)));
+    let (in_lane, still) = (Pose { position: at(47.0, -0.8), yaw: 0.03 }, Motion::Static(Pose::new(0.0, 0.0, 0.0)));
     let island = Shape { parts: vec![Part::Polygon { vertices: corners.to_vec() }] };
     vec![
-        fixtures::parked(31, in_the_way, 4.6, 1.9),
+        fixtures::parked(31, in_lane, 4.6, 1.9),
         of_kind(ObstacleKind::Vehicle, 32, Shape::rectangle(4.4, 1.8), moving(25.0, 3.5, 11.0, 0.0, 70)),
         of_kind(ObstacleKind::Pedestrian, 33, fixtures::circle(0.35), moving(90.0, -3.5, 0.0, 0.9, 110)),
         of_kind(ObstacleKind::Structure, 34, island, still),
@@ -131,24 +131,29 @@ fn car() -> Vehicle {
     Vehicle { comfort, wheelbase: 2.578, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.4)) }
 }
 
-/// A path that goes straight, passes on the left and comes back; `bend` is the curvature of the lane changes.
-fn passing(bend: f64, straight: f64) -> Path {
+/// A path that passes an obstacle on its left and returns; `curvature` is that of the lane changes, 1/m.
+fn passing(curvature: f64, straight: f64) -> Path {
     let spiral = |knots: [f64; 4], length: f64| CubicSpiral { knots, length };
     let shift = |k: f64| spiral([0.0, k, -k, 0.0], 25.0);
     let start = Pose { position: at(2.0, 0.0), yaw: 0.0 };
-    let pieces =
-        [spiral([0.0; 4], straight), shift(bend), spiral([0.0; 4], 10.0), shift(-bend), spiral([0.0; 4], 20.0)];
+    let pieces = [
+        spiral([0.0; 4], straight),
+        shift(curvature),
+        spiral([0.0; 4], 10.0),
+        shift(-curvature),
+        spiral([0.0; 4], 20.0),
+    ];
     Path::new(start, &pieces).unwrap()
 }
 
-/// Holds the speed, then brakes evenly to rest.
-fn braking(from: f64, hold: f64, speed: f64, deceleration: f64) -> SpeedProfile {
-    let (stop, there) = (hold + speed / deceleration, from + speed * hold);
-    let rest = there + speed * speed / (2.0 * deceleration);
+/// Keeps the speed, then brakes uniformly to standstill.
+fn braking(from: f64, delay: f64, speed: f64, deceleration: f64) -> SpeedProfile {
+    let (stop, brake_at) = (delay + speed / deceleration, from + speed * delay);
+    let stop_at = brake_at + speed * speed / (2.0 * deceleration);
     SpeedProfile::new(vec![
         knot(0.0, from, speed, 0.0),
-        knot(hold, there, speed, -deceleration),
-        knot(stop, rest, 0.0, 0.0),
+        knot(delay, brake_at, speed, -deceleration),
+        knot(stop, stop_at, 0.0, 0.0),
     ])
     .unwrap()
 }
@@ -168,12 +173,12 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         Some(Rejection::NoProof),
         Some(Rejection::CurveSpeedInfeasible),
     ];
-    let bends = [0.0185, 0.0150, 0.0215, 0.0030, 0.0400, -0.0200];
-    let candidates = bends.iter().zip(rejections).map(|(bend, rejected)| Candidate {
-        path: passing(*bend, 15.0),
+    let curvatures = [0.0185, 0.0150, 0.0215, 0.0030, 0.0400, -0.0200];
+    let candidates = curvatures.iter().zip(rejections).map(|(curvature, rejected)| Candidate {
+        path: passing(*curvature, 15.0),
         lane: 0,
         attempt: 0,
-        cost: if rejected.is_some() { f64::INFINITY } else { (bend - 0.0185).abs() },
+        cost: if rejected.is_some() { f64::INFINITY } else { (curvature - 0.0185).abs() },
         terms: CostTerms::default(),
         rejected,
     });
@@ -198,17 +203,17 @@ fn log(driven: &Trajectory, vehicle: &Vehicle) -> Log {
     let samples = (0..=1200).map(|i| {
         let time = 0.01 * f64::from(i);
         let p = driven.at(time);
-        // a car lags a little behind what is wanted
-        let felt = driven.at((time - 0.15).max(0.0));
+        // the vehicle lags a little behind its reference
+        let lagged = driven.at((time - 0.15).max(0.0));
         Sample {
             time,
             pose: p.pose,
             speed: p.speed,
             lateral_speed: 0.0,
             yaw_rate: p.curvature * p.speed,
-            acceleration: felt.acceleration + 0.03 * (9.0 * time).sin() * p.speed.min(1.0),
-            lateral_acceleration: felt.curvature * felt.speed * felt.speed,
-            steering: vehicle.steering_for_curvature(felt.curvature),
+            acceleration: lagged.acceleration + 0.03 * (9.0 * time).sin() * p.speed.min(1.0),
+            lateral_acceleration: lagged.curvature * lagged.speed * lagged.speed,
+            steering: vehicle.steering_for_curvature(lagged.curvature),
             commanded_acceleration: p.acceleration,
             commanded_steering: vehicle.steering_for_curvature(p.curvature),
             reference_pose: p.pose,
@@ -228,10 +233,11 @@ fn verdict() -> Verdict {
         unit,
         at_time,
         note: note.into(),
+        method: String::new(),
     };
     Verdict {
         checks: vec![
-            check("no_contact", true, 0.0, 0.0, "", None, "contacts with obstacles"),
+            check("no_contact", true, 0.0, 0.0, "", None, "no contact"),
             check("stays_on_road", true, 0.31, 0.0, "m", Some(4.2), "smallest distance to the border"),
             check("stop_proven", false, 0.95, 1.0, "", Some(4.8), "share of cycles with a proof <all | any>"),
             check("comfort_longitudinal", true, 1.42, 2.0, "m/s²", Some(6.0), "largest |a|"),

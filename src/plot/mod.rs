@@ -1,13 +1,12 @@
 //! Pictures: a run as one self-contained SVG file, for people and for reports.
 //!
-//! The top view is cropped to the action and has y up; values over time stand below it, or beside it where the action
-//! is as high as it is wide. Nothing is fetched when the picture is shown: no fonts, no scripts, no links. The same
-//! run gives the same bytes.
+//! The top view is cropped to the action, with y up; values over time are below it, or beside it where the action is as
+//! high as wide. The file loads nothing: no fonts, no scripts, no links. Equal runs give equal bytes.
 //!
-//! [`geometry`] has the pictures of `docs/geometry.md`: curves, lattice and sweeps, without a run.
+//! [`geometry`] draws the pictures of `docs/geometry.md`: curves, lattice and sweeps, without a run.
 //!
-//! Weak: labels are placed by simple rules and may meet each other in dense traffic; a road that runs diagonally is
-//! not turned to fit the page.
+//! Limitations: labels are placed by simple rules and may overlap in dense traffic; a diagonal road is not rotated to
+//! fit the page.
 
 pub(crate) mod axes;
 #[cfg(test)]
@@ -38,23 +37,23 @@ const MARGIN: f64 = 24.0;
 const CONTENT: f64 = PAGE_WIDTH - 2.0 * MARGIN;
 /// Space between the parts, px.
 const GAP: f64 = 22.0;
-/// Space between panels one above the other, px.
+/// Vertical space between panels, px.
 const PANEL_GAP: f64 = 10.0;
 /// Height of the legend's row, px.
 const LEGEND: f64 = 26.0;
-/// From this ratio of width to height on, the top view takes the whole width of the page and the panels stand below.
+/// Ratio of width to height from which on the top view has the full page width and the panels are below it.
 const WIDE: f64 = 1.7;
-/// Failed checks listed in the header; the rest is counted.
+/// Failed checks listed in the header; further ones are counted.
 const LISTED_FAILURES: usize = 4;
-/// Characters in a line of the header at most: what fits with a wide font.
+/// Maximum characters per line of the header: fits with a wide font.
 const LINE_LENGTH: usize = 160;
-/// Seconds that the panels go on after the drive to show where its last plans would have stopped.
+/// Time by which the panels extend beyond the drive to show the last fallback stops, s.
 const TAIL: f64 = 4.0;
-/// Curves carry a point each this many seconds at least.
+/// Smallest time between points of a curve, s.
 const CURVE_STEP: f64 = 0.04;
 
-/// A picture of a run: the top view with everything that was seen, planned and driven, and speed and accelerations over
-/// time. For a single planning cycle, whose log is empty, the committed plan stands in for the drive.
+/// A picture of a run: the top view with perceived, planned and driven motion, and speed and accelerations over time.
+/// For a single planning cycle, whose log is empty, the committed plan replaces the drive.
 #[must_use]
 pub fn run_svg(run: &Run) -> String {
     let motion = Motion::of(run);
@@ -77,7 +76,7 @@ pub fn run_svg(run: &Run) -> String {
     svg.finish()
 }
 
-/// Where the parts stand.
+/// Positions of the parts.
 struct Layout {
     scene: Area,
     legend: Page,
@@ -86,7 +85,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// `aspect` is the ratio of width to height of the action, `top` the free height under the header.
+    /// `aspect` is the ratio of width to height of the action, `top` the y coordinate below the header, px.
     fn new(aspect: f64, top: f64) -> Self {
         if aspect >= WIDE { Self::stacked(aspect, top) } else { Self::side_by_side(top) }
     }
@@ -124,7 +123,7 @@ impl Layout {
     }
 }
 
-/// Title, outcome, verdict and what failed.
+/// Title, outcome, verdict and failed checks.
 struct Header {
     title: String,
     about: String,
@@ -135,11 +134,11 @@ struct Header {
 impl Header {
     fn of(run: &Run, driven: bool) -> Self {
         let outcome = run.outcome.name().replace('_', " ");
-        let what = if driven { "driven in physics" } else { "planned" };
+        let what = if driven { "driven in simulation" } else { "planned" };
         let (verdict, colour) = match (run.verdict.checks.is_empty(), run.verdict.pass()) {
             (true, _) => (outcome, style::FAINT_INK),
-            (false, true) => (format!("{outcome} · pass"), style::FINE),
-            (false, false) => (format!("{outcome} · fail"), style::ALARM),
+            (false, true) => (format!("{outcome} · PASS"), style::PASS),
+            (false, false) => (format!("{outcome} · FAIL"), style::ALARM),
         };
         let failed: Vec<&Check> = run.verdict.failures().collect();
         let mut failures: Vec<String> = failed.iter().take(LISTED_FAILURES).map(|c| describe(c)).collect();
@@ -161,7 +160,7 @@ impl Header {
             let title = line(MARGIN + 14.0, 20.0).with("font-weight", "700").with("fill", style::INK);
             svg.add_text(&title, &self.title);
             svg.add_text(&line(MARGIN + 35.0, 13.0).with("fill", style::FAINT_INK), &self.about);
-            // no font is known here: the badge is made wide enough for a wide one
+            // the font is unknown: the badge fits a wide one
             let width = 9.0 * self.badge.0.chars().count() as f64 + 24.0;
             let corner = (PAGE_WIDTH - MARGIN - width, MARGIN - 2.0);
             svg.add(&Element::rect(corner, width, 28.0).num("rx", 14.0).with("fill", self.badge.1));
@@ -176,16 +175,13 @@ impl Header {
     }
 }
 
-/// A failed check in a line.
+/// A failed check in one line: its name and the event.
 fn describe(check: &Check) -> String {
-    let unit = if check.unit.is_empty() { String::new() } else { format!(" {}", check.unit) };
-    let when = check.at_time.map_or_else(String::new, |t| format!(" at {t:.2} s"));
-    let number = |v: f64| if v.is_finite() { format!("{v:.2}{unit}") } else { "none".into() };
-    let text = format!("{}: {}, limit {}{when}: {}", check.name, number(check.value), number(check.limit), check.note);
+    let text = format!("{}: {}", check.name, check.note);
     shortened(&text, LINE_LENGTH)
 }
 
-/// Text of at most `length` characters, with an ellipsis where it was cut.
+/// Text of at most `length` characters, with an ellipsis if it was cut.
 fn shortened(text: &str, length: usize) -> String {
     if text.chars().count() <= length {
         return text.into();
@@ -193,12 +189,12 @@ fn shortened(text: &str, length: usize) -> String {
     text.chars().take(length.saturating_sub(1)).chain(['…']).collect()
 }
 
-/// Why a candidate could not be taken. One that was only dearer than the chosen one was not refused.
+/// The code of the reason why a candidate was infeasible; `None` for a feasible one with a higher cost.
 pub(crate) fn refusal(candidate: &Candidate) -> Option<&'static str> {
     candidate.rejected.filter(|why| why.is_refusal()).map(Rejection::code)
 }
 
-/// The smallest of 5, 10, 15, … that is not below the speed.
+/// The smallest of 5, 10, 15, … that is at least the speed.
 fn nice_ceiling(speed: f64) -> f64 {
     (speed / 5.0).ceil().max(1.0) * 5.0
 }
@@ -210,7 +206,7 @@ fn legend(svg: &mut Svg, corner: Page, scene: &Scene) {
     let moving = |colour: &str| obstacles.iter().any(|o| !o.is_static() && scene::moving_colour(o) == colour);
     let entries = [
         (true, Mark::Line(style::DRIVEN, "", 1.8), format!("{drive} rear axle")),
-        (!run.cycles.is_empty(), Mark::Line(style::PLAN, "", 1.2), "plans to their stop".into()),
+        (!run.cycles.is_empty(), Mark::Line(style::PLAN, "", 1.2), "committed plans".into()),
         (
             run.cycles.iter().any(|c| !c.candidates.is_empty()),
             Mark::Line(style::CANDIDATE, "", 1.0),
@@ -221,12 +217,12 @@ fn legend(svg: &mut Svg, corner: Page, scene: &Scene) {
             Mark::Box(style::STATIC, "1"),
             "static".into(),
         ),
-        (moving(style::MOVING), Mark::Box(style::MOVING, "0.25"), "moving, each second".into()),
-        (moving(style::VULNERABLE), Mark::Box(style::VULNERABLE, "0.25"), "on foot or bicycle".into()),
+        (moving(style::MOVING), Mark::Box(style::MOVING, "0.25"), "moving, every second".into()),
+        (moving(style::VULNERABLE), Mark::Box(style::VULNERABLE, "0.25"), "pedestrian or bicycle".into()),
         (run.problem.goals.iter().any(|g| g.position.is_some()), Mark::Box(style::GOAL, "0.16"), "goal".into()),
     ];
     svg.group(&Element::new("g").with("id", "legend").num("font-size", 11.5).with("fill", style::FAINT_INK), |svg| {
-        let mut x = corner.0 + speed_key(svg, corner, scene.top_speed);
+        let mut x = corner.0 + speed_legend(svg, corner, scene.top_speed);
         let middle = corner.1 + 10.0;
         for (_, mark, text) in entries.iter().filter(|(present, _, _)| *present) {
             mark.draw(svg, (x, middle));
@@ -236,7 +232,7 @@ fn legend(svg: &mut Svg, corner: Page, scene: &Scene) {
     });
 }
 
-/// A sample of how something is drawn.
+/// A legend symbol.
 enum Mark {
     Line(&'static str, &'static str, f64),
     Box(&'static str, &'static str),
@@ -257,15 +253,15 @@ impl Mark {
     }
 }
 
-/// The colours of the speed; returns the width used.
-fn speed_key(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
+/// The colour scale of the speed; returns its width.
+fn speed_legend(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
     const STEPS: u32 = 16;
     const STEP: f64 = 7.0;
     let middle = y + 10.0;
     svg.add_text(&Element::new("text").num("x", x).num("y", middle + 4.0), "speed 0");
     for i in 0..STEPS {
         let colour = style::hex(style::viridis(f64::from(i) / f64::from(STEPS - 1)));
-        // a little wider than the step: no hairlines
+        // slightly wider than the step: no hairlines
         let cell = Element::rect((x + 50.0 + STEP * f64::from(i), middle - 5.0), STEP + 0.5, 10.0);
         svg.add(&cell.with("fill", &colour));
     }
@@ -275,7 +271,7 @@ fn speed_key(svg: &mut Svg, (x, y): Page, top_speed: f64) -> f64 {
     end + 6.6 * text.chars().count() as f64 + 22.0
 }
 
-/// The horizontal axis of values over time.
+/// Label of the time axis.
 const TIME: &str = "time, s";
 
 /// Speed, accelerations and jerk over time.
@@ -292,23 +288,28 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
         dash: "",
         class: "driven",
     };
-    let wanted =
-        Curve { colour: style::WANTED.into(), class: "wanted", dash: "6 3", ..driven(|s| s.reference_speed, 1.6) };
+    let reference = Curve {
+        colour: style::REFERENCE.into(),
+        class: "reference",
+        dash: "6 3",
+        ..driven(|s| s.reference_speed, 1.6)
+    };
     let mut speeds = proof_tails(run);
-    let mut speed_key = vec![(if motion.driven { "driven" } else { "planned" }, style::DRIVEN)];
+    let mut speed_legend = vec![(if motion.driven { "driven" } else { "planned" }, style::DRIVEN)];
     let limits = limit_curve(run, &samples);
     let limited = !limits.is_empty();
     speeds.extend(limits);
     speeds.push(driven(|s| s.speed, 2.0));
     if motion.driven {
-        speeds.push(wanted);
-        speed_key.extend([("wanted", style::WANTED), ("proven stops", style::PLAN)]);
+        speeds.push(reference);
+        speed_legend.extend([("reference", style::REFERENCE), ("fallback stops", style::PLAN)]);
     }
     if limited {
-        speed_key.push(("limit", style::ALARM));
+        speed_legend.push(("limit", style::ALARM));
     }
     let limit = |value: f64, label: &'static str| LimitLine { value, label, colour: style::LIMIT };
-    let last_resort = LimitLine { value: -comfort.aggressive_deceleration, label: "proofs only", colour: style::ALARM };
+    let fallback_limit =
+        LimitLine { value: -comfort.aggressive_deceleration, label: "fallback limit", colour: style::ALARM };
     let jerk_limits = |side: f64| Curve {
         points: samples.iter().map(|s| (s.time, side * jerk_limit(comfort.jerk, s.speed))).collect(),
         colour: style::LIMIT.into(),
@@ -321,47 +322,47 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
         Panel {
             title: "Speed, m/s",
             id: "speed",
-            key: speed_key,
+            legend: speed_legend,
             curves: speeds,
             limits: vec![],
-            across: time,
+            x: time,
             axis: TIME,
             at_least: (0.0, 1.0),
         },
         Panel {
             title: "Acceleration, m/s²",
             id: "acceleration",
-            key: vec![],
+            legend: vec![],
             curves: vec![driven(|s| s.acceleration, 1.8)],
-            limits: vec![limit(accel, "comfort"), limit(-decel, "comfort"), last_resort],
-            across: time,
+            limits: vec![limit(accel, "comfort"), limit(-decel, "comfort"), fallback_limit],
+            x: time,
             axis: TIME,
             at_least: (-comfort.aggressive_deceleration, accel),
         },
         Panel {
             title: "Lateral acceleration, m/s²",
             id: "lateral-acceleration",
-            key: vec![],
+            legend: vec![],
             curves: vec![driven(|s| s.lateral_acceleration, 1.8)],
             limits: vec![limit(side, "comfort"), limit(-side, "comfort")],
-            across: time,
+            x: time,
             axis: TIME,
             at_least: (-side, side),
         },
         Panel {
             title: "Jerk, m/s³",
             id: "jerk",
-            key: vec![("comfort", style::LIMIT)],
+            legend: vec![("comfort", style::LIMIT)],
             curves: vec![jerk_limits(1.0), jerk_limits(-1.0), driven(|s| s.jerk, 1.8)],
             limits: vec![],
-            across: time,
+            x: time,
             axis: TIME,
             at_least: (-comfort.jerk, comfort.jerk),
         },
     ]
 }
 
-/// The speed of each committed plan down to its stop, at most one every half a second.
+/// The speed of each committed plan down to its stop, at most one per half second.
 fn proof_tails(run: &Run) -> Vec<Curve> {
     let mut tails: Vec<Curve> = Vec::new();
     let mut next = f64::NEG_INFINITY;
@@ -377,7 +378,7 @@ fn proof_tails(run: &Run) -> Vec<Curve> {
     tails
 }
 
-/// Times of the run from `from` to the end of a plan: its knots and some between, where speed may be quadratic.
+/// Times of the run from `from` to the end of a plan: its knots and some in between, where speed may be quadratic.
 fn steps(from: f64, plan: &Trajectory) -> impl Iterator<Item = f64> {
     const BETWEEN: u32 = 4;
     let later = plan.profile.knots().iter().map(|k| plan.start_time + k.time).filter(move |t| *t > from);
@@ -391,7 +392,7 @@ fn steps(from: f64, plan: &Trajectory) -> impl Iterator<Item = f64> {
     between.chain(last)
 }
 
-/// The posted speed limit along the way, in pieces where there is one.
+/// The posted speed limit along the driven path, in one piece per stretch with a limit.
 fn limit_curve(run: &Run, samples: &[MotionSample]) -> Vec<Curve> {
     let mut pieces: Vec<Vec<(f64, f64)>> = vec![Vec::new()];
     for sample in samples {
@@ -417,15 +418,17 @@ mod tests {
 
     fn assert_sound(svg: &str) {
         let read = roxmltree::Document::parse(svg).expect("well-formed");
-        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        // the class of a rejected candidate contains "inf" too
+        let numbers = svg.replace(Rejection::CurveSpeedInfeasible.code(), "");
+        assert!(!numbers.contains("NaN") && !numbers.contains("inf"), "{svg}");
         assert!(read.descendants().all(|n| n.tag_name().name() != "image" && n.attribute("href").is_none()));
         let mut ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
         ids.sort_unstable();
-        assert!(ids.windows(2).all(|w| w[0] != w[1]), "an id twice: {ids:?}");
+        assert!(ids.windows(2).all(|w| w[0] != w[1]), "a duplicate id: {ids:?}");
     }
 
     #[test]
-    fn the_picture_holds_every_part() {
+    fn the_picture_contains_every_part() {
         let example = Example::new();
         let svg = run_svg(&example.run());
         assert_sound(&svg);
@@ -439,7 +442,7 @@ mod tests {
         for id in expected {
             assert!(ids.contains(&id), "{id} is missing in {ids:?}");
         }
-        for class in ["driven", "wanted", "proof", "speed-limit", "limit", "centre-line", "failure"] {
+        for class in ["driven", "reference", "proof", "speed-limit", "limit", "centre-line", "failure"] {
             assert!(read.descendants().any(|n| n.attribute("class") == Some(class)), "no {class}");
         }
     }
@@ -470,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_at_all_is_still_a_picture() {
+    fn an_empty_run_gives_a_picture() {
         let mut example = Example::new();
         example.scenario.network = RoadNetwork::default();
         example.scenario.obstacles.clear();
@@ -482,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_never_reach_the_file() {
+    fn invalid_numbers_never_reach_the_file() {
         let mut example = Example::new();
         example.scenario.problems[0].initial.centre.position = Point::new(f64::NAN, f64::NAN);
         for obstacle in &mut example.scenario.obstacles {
@@ -512,7 +515,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_are_shown_from_where_the_vehicle_is_not_from_where_they_were_made() {
+    fn a_plan_is_shown_from_the_current_time_on() {
         let example = Example::new();
         let mut run = example.run();
         let old = run.cycles[0].committed.clone();
@@ -535,7 +538,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_the_road_is_drawn_higher() {
+    fn the_left_lane_is_drawn_above_the_right_one() {
         let example = Example::new();
         let svg = run_svg(&example.run());
         let read = roxmltree::Document::parse(&svg).unwrap();

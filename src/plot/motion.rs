@@ -1,4 +1,4 @@
-//! The vehicle's motion as pictures show it: what the rig measured, or the plan where nothing was driven.
+//! The vehicle's motion as pictures show it: the log of the simulation, or the plan if nothing was driven.
 
 use crate::drive::Run;
 use crate::geometry::Pose;
@@ -9,13 +9,13 @@ use crate::verdict::{self, zero_phase_low_pass};
 /// Motion over time.
 #[derive(Debug, Clone)]
 pub(crate) struct Motion {
-    /// In order of time; empty if there is neither a log nor a plan.
+    /// In order of time; empty without a log and a plan.
     pub(crate) samples: Vec<MotionSample>,
-    /// Whether it was driven; otherwise it is the committed trajectory of the first cycle.
+    /// Whether the motion was driven; otherwise it is the committed plan of the first cycle.
     pub(crate) driven: bool,
 }
 
-/// One instant. Every number is finite.
+/// Motion at one instant. Every number is finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MotionSample {
     /// Time of the run, s.
@@ -24,17 +24,17 @@ pub(crate) struct MotionSample {
     pub(crate) pose: Pose,
     /// Speed along the heading, m/s.
     pub(crate) speed: f64,
-    /// Speed that the trajectory wants, m/s.
+    /// Reference speed, m/s.
     pub(crate) reference_speed: f64,
     /// Longitudinal acceleration, m/s².
     pub(crate) acceleration: f64,
     /// Lateral acceleration, m/s², left positive.
     pub(crate) lateral_acceleration: f64,
-    /// Longitudinal jerk, m/s³: of the filtered acceleration, as the verdict judges it.
+    /// Longitudinal jerk, m/s³: derivative of the filtered acceleration, as in the verdict.
     pub(crate) jerk: f64,
     /// Steering angle, rad.
     pub(crate) steering: f64,
-    /// Steering angle asked for, rad.
+    /// Commanded steering angle, rad.
     pub(crate) reference_steering: f64,
 }
 
@@ -53,7 +53,7 @@ impl Motion {
         Self { samples, driven: true }
     }
 
-    /// Time interval of the motion, s; `(0, 0)` when there is none.
+    /// Time interval of the motion, s; `(0, 0)` for an empty motion.
     pub(crate) fn time_range(&self) -> (f64, f64) {
         match (self.samples.first(), self.samples.last()) {
             (Some(first), Some(last)) => (first.time, last.time),
@@ -63,7 +63,7 @@ impl Motion {
 
     /// The sample at or just before `time`; the first one before the start.
     pub(crate) fn at(&self, time: f64) -> Option<&MotionSample> {
-        // times are products of step and count: allow their rounding
+        // times are products of step and count: allow for rounding
         let after = self.samples.partition_point(|s| s.time <= time + 1e-9);
         self.samples.get(after.max(1) - 1)
     }
@@ -166,14 +166,14 @@ fn is_finite(s: &Sample) -> bool {
 fn filtered_jerk(log: &[Sample]) -> Vec<f64> {
     let (Some(first), Some(last)) = (log.first(), log.last()) else { return Vec::new() };
     let rate = (log.len() - 1) as f64 / (last.time - first.time);
-    let felt: Vec<f64> = log.iter().map(|s| s.acceleration).collect();
+    let filtered: Vec<f64> = log.iter().map(|s| s.acceleration).collect();
     let cutoff = verdict::Settings::default().comfort_cutoff;
-    let felt = if rate.is_finite() { zero_phase_low_pass(&felt, cutoff, rate) } else { felt };
+    let filtered = if rate.is_finite() { zero_phase_low_pass(&filtered, cutoff, rate) } else { filtered };
     (0..log.len())
         .map(|i| {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(log.len() - 1));
             let step = log[after].time - log[before].time;
-            if step > 0.0 { (felt[after] - felt[before]) / step } else { 0.0 }
+            if step > 0.0 { (filtered[after] - filtered[before]) / step } else { 0.0 }
         })
         .collect()
 }
@@ -191,7 +191,7 @@ mod tests {
             s.acceleration = 0.3 - 1.7 * s.time;
         }
         let jerk = filtered_jerk(&samples);
-        // the filter takes the ends for level
+        // the filter assumes constant values beyond the ends
         let inner = &jerk[100..jerk.len() - 100];
         assert!(inner.iter().all(|j| (j + 1.7).abs() < 1e-3), "{inner:?}");
         assert_eq!(filtered_jerk(&samples[..1]), [0.0]);
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_samples_are_left_out() {
+    fn invalid_samples_are_omitted() {
         let example = Example::new();
         let mut run = example.run();
         let count = run.log.samples.len();

@@ -1,4 +1,4 @@
-//! Outlines to draw: shapes, footprints, the region of the action.
+//! Outlines to draw: shapes, footprints, the bounds of the action.
 
 use std::f64::consts::TAU;
 
@@ -8,11 +8,11 @@ use crate::geometry::{Point, Pose};
 use crate::map::{GoalPosition, Motion as ObstacleMotion, Obstacle, Part, RoadNetwork, Shape};
 use crate::vehicle::Vehicle;
 
-/// Corners of the polygon that stands for a circle: below a pixel for anything the size of a person.
+/// Corners of the polygon that approximates a circle: the error is below a pixel for anything of the size of a person.
 const CIRCLE_CORNERS: u32 = 32;
 
-/// The outline of each part of a shape, in the frame that `pose` maps to the world. Polygons are not closed and keep
-/// their own vertices (no triangles).
+/// The outline of each part of a shape, in the frame that `pose` maps to the world. Polygons are open and keep their
+/// vertices (no triangles).
 pub(crate) fn shape_outlines(shape: &Shape, pose: &Pose) -> Vec<Vec<Point>> {
     shape.parts.iter().map(|part| part_outline(part).iter().map(|p| pose.to_world(*p)).collect()).collect()
 }
@@ -31,7 +31,7 @@ fn part_outline(part: &Part) -> Vec<Point> {
     }
 }
 
-/// Outlines of what an obstacle occupies at `time`; empty while it does not exist.
+/// Outlines of an obstacle at `time`; empty while it does not exist.
 pub(crate) fn obstacle_outlines(obstacle: &Obstacle, time: f64) -> Vec<Vec<Point>> {
     match &obstacle.motion {
         ObstacleMotion::Occupancy(sets) => sets
@@ -75,7 +75,7 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// The smallest box around the finite ones of the points; `None` without any.
+    /// The smallest box around all finite points; `None` without any.
     pub(crate) fn around<'p>(points: impl IntoIterator<Item = &'p Point>) -> Option<Self> {
         points.into_iter().filter(|p| p.x.is_finite() && p.y.is_finite()).fold(None, |bounds, p| {
             Some(bounds.map_or(Self { min: *p, max: *p }, |b: Self| Self { min: b.min.inf(p), max: b.max.sup(p) }))
@@ -107,13 +107,13 @@ impl Bounds {
         Self::around(points).is_some_and(|b| self.meets(&b))
     }
 
-    /// Larger by `margin` on every side.
-    pub(crate) fn grown(&self, margin: f64) -> Self {
+    /// Expanded by `margin` on every side.
+    pub(crate) fn expanded(&self, margin: f64) -> Self {
         let by = nalgebra::Vector2::repeat(margin);
         Self { min: self.min - by, max: self.max + by }
     }
 
-    /// At least this large, about the same middle.
+    /// Expanded to at least this size, about the same middle.
     pub(crate) fn at_least(&self, width: f64, height: f64) -> Self {
         let half = 0.5 * nalgebra::Vector2::new(self.width().max(width), self.height().max(height));
         Self { min: self.centre() - half, max: self.centre() + half }
@@ -124,14 +124,14 @@ impl Bounds {
     }
 }
 
-/// Room shown around the driven path, m: the lanes beside it and a car ahead.
+/// Margin around the driven path, m: the neighbouring lanes and a car ahead.
 const MARGIN: f64 = 7.0;
-/// A goal region nearer than this to the driven path is shown too, m.
+/// Distance to the driven path within which a goal region is shown, m.
 const GOAL_REACH: f64 = 40.0;
-/// The smallest region shown, m: a car at rest should not fill the page.
+/// The smallest region shown, m: a stopped car must not fill the page.
 const SMALLEST: (f64, f64) = (48.0, 18.0);
 
-/// The region of the action: everything driven and committed, a nearby goal, and a margin.
+/// The bounds of the action: all driven and committed motion, a nearby goal, and a margin.
 pub(crate) fn action_bounds(run: &Run, motion: &Motion) -> Bounds {
     let start = run.vehicle.rear_axle_of_centre(&run.problem.initial.centre);
     let driven = motion.thinned(0.1).into_iter().map(|s| s.pose);
@@ -141,10 +141,10 @@ pub(crate) fn action_bounds(run: &Run, motion: &Motion) -> Bounds {
     let origin = Bounds { min: Point::origin(), max: Point::origin() };
     let action = Bounds::around(&corners).unwrap_or(origin);
     let goals = goal_outlines(run);
-    let near = goals.iter().filter_map(Bounds::around).filter(|g| action.grown(GOAL_REACH).meets(g));
-    // a goal as long as a whole lanelet says less about the action than the action itself
+    let near = goals.iter().filter_map(Bounds::around).filter(|g| action.expanded(GOAL_REACH).meets(g));
+    // a goal of the length of a whole lanelet would dominate the action
     let near = near.filter(|g| g.width().max(g.height()) <= 2.0 * GOAL_REACH);
-    near.fold(action, |bounds, goal| bounds.with(&goal)).grown(MARGIN).at_least(SMALLEST.0, SMALLEST.1)
+    near.fold(action, |bounds, goal| bounds.with(&goal)).expanded(MARGIN).at_least(SMALLEST.0, SMALLEST.1)
 }
 
 #[cfg(test)]
@@ -153,7 +153,7 @@ mod tests {
     use crate::plot::example::Example;
 
     #[test]
-    fn the_action_holds_the_driven_path_and_the_near_goal() {
+    fn the_action_contains_the_driven_path_and_the_near_goal() {
         let example = Example::new();
         let run = example.run();
         let bounds = action_bounds(&run, &Motion::of(&run));
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rectangle_turned_a_quarter_is_as_high_as_it_was_long() {
+    fn a_quarter_turn_swaps_length_and_width() {
         let outline = shape_outlines(&Shape::rectangle(4.0, 2.0), &Pose::new(5.0, 1.0, std::f64::consts::FRAC_PI_2));
         let bounds = Bounds::around(&outline[0]).unwrap();
         assert!((bounds.width() - 2.0).abs() < 1e-12 && (bounds.height() - 4.0).abs() < 1e-12);
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_ignore_points_that_are_none() {
+    fn bounds_ignore_invalid_points() {
         assert_eq!(Bounds::around(&[Point::new(f64::NAN, 0.0)]), None);
         let one = Point::new(1.0, 2.0);
         assert_eq!(Bounds::around(&[one, Point::new(f64::INFINITY, 0.0)]), Some(Bounds { min: one, max: one }));

@@ -1,29 +1,28 @@
-//! The three figures of the SafeTLP paper's experiment: expanded states, planning time, average speed.
+//! The three charts of the SafeTLP paper's experiment: expanded states, planning time, average speed.
 
 use super::axes::Area;
 use super::geometry::{legend_row, sheet};
 use super::violin::{Panel, Violin};
 use super::{CONTENT, GAP, MARGIN, Mark, style};
-use crate::bench::safetlp::{Comparison, LIMIT_SETS, Measured, Method};
+use crate::bench::safetlp::{Comparison, LIMIT_SETS, Measurement, Method};
 
-/// The methods that make a stop, in the paper's order and beyond; with the colour of each.
+/// The methods that plan a stop: the paper's, in its order, then ours; each with its colour.
 const SHOWN: [(Method, &str); 4] = [
     (Method::PlanToStop, style::MOVING),
-    (Method::PlanToStopTimeless, style::WANTED),
+    (Method::PlanToStopTimeless, style::REFERENCE),
     (Method::SafeTlp, style::DRIVEN),
     (Method::SafeRts, style::GOAL),
 ];
 
-/// A picture of the experiment. The panel in the middle shows times of the clock; the others are the same wherever they are
-/// made.
+/// A chart of the experiment. The panel in the middle shows wall-clock times; the others are reproducible.
 #[must_use]
 pub fn experiment(comparison: &Comparison) -> String {
     const HEIGHT: f64 = 340.0;
     const LEGEND: f64 = 28.0;
     let s = &comparison.settings;
     let about = format!(
-        "{} instances: a stop after {} m in steps of {} m, at most 15 m/s, start speeds 0…5 m/s, four sets of limits; states \
-         told apart by {} s",
+        "{} instances: a stop after {} m in steps of {} m, at most 15 m/s, start speeds 0…5 m/s, four sets of limits; time bins \
+         of {} s",
         comparison.instances.len(),
         s.length,
         s.step,
@@ -51,7 +50,7 @@ fn panel(
     title: &'static str,
     id: &'static str,
     logarithmic: bool,
-    value: fn(&Measured) -> Option<f64>,
+    value: fn(&Measurement) -> Option<f64>,
 ) -> Panel {
     let violin = |(method, colour): (Method, &'static str), set: usize| Violin {
         values: comparison.group(method, Some(set)).sorted(value),

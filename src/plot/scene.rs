@@ -11,23 +11,23 @@ use crate::geometry::Point;
 use crate::map::{Cell, Lanelet, Motion as ObstacleMotion, Obstacle, ObstacleKind, RoadNetwork};
 use crate::planner::{Cycle, Rejection};
 
-/// Obstacles' outlines are this far apart in time, s.
+/// Time between drawn outlines of an obstacle, s.
 const OBSTACLE_SPACING: f64 = 1.0;
-/// Footprints drawn of one run at most; their spacing grows beyond that.
+/// Maximum number of footprints per run; their spacing follows.
 const FOOTPRINTS: f64 = 48.0;
-/// Committed plans drawn at most.
+/// Maximum number of committed plans drawn.
 const PLANS: usize = 24;
-/// Spacing of points along drawn paths, m: straight to the eye at any curvature a car can drive.
+/// Spacing of points of drawn paths, m: smooth at any curvature that a car can drive.
 const PATH_SPACING: f64 = 0.5;
-/// Distance between the time labels of one thing at least, px.
-const LABEL_ROOM: f64 = 44.0;
+/// Smallest distance between time labels of one object, px.
+const LABEL_SPACING: f64 = 44.0;
 
 /// The mapping from the world (metres, y up) to an area of the page (pixels, y down). One scale for both axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
-    /// What of the world is seen, m.
+    /// Visible region of the world, m.
     pub(super) bounds: Bounds,
-    /// Where on the page, px.
+    /// Area on the page, px.
     pub(super) area: Area,
     /// Pixels per metre.
     pub(super) scale: f64,
@@ -40,7 +40,7 @@ impl View {
         Self { bounds: bounds.at_least(area.width / scale, area.height / scale), area, scale }
     }
 
-    /// Where a point of the world lies on the page.
+    /// Position of a world point on the page.
     pub(super) fn page(&self, p: &Point) -> Page {
         let from_top_left = (p.x - self.bounds.min.x, self.bounds.max.y - p.y);
         (self.area.corner.0 + self.scale * from_top_left.0, self.area.corner.1 + self.scale * from_top_left.1)
@@ -51,19 +51,19 @@ impl View {
         Element::polyline(points.iter().map(|p| self.page(p))).with("fill", "none")
     }
 
-    /// A closed one.
+    /// A closed polygon through points of the world.
     pub(super) fn polygon(&self, points: &[Point]) -> Element {
         Element::polygon(points.iter().map(|p| self.page(p)))
     }
 }
 
-/// What the top view draws.
+/// Contents of the top view.
 pub(super) struct Scene<'a> {
     /// The run.
     pub(super) run: &'a Run<'a>,
     /// Its motion.
     pub(super) motion: &'a Motion,
-    /// Speed at the upper end of the colours, m/s.
+    /// Speed at the upper end of the colour scale, m/s.
     pub(super) top_speed: f64,
 }
 
@@ -109,7 +109,7 @@ impl Scene<'_> {
         });
     }
 
-    /// The candidates of the cycle that had most to refuse.
+    /// The candidates of the cycle with the most infeasible ones.
     fn candidates(&self, svg: &mut Svg, view: &View) {
         let Some(cycle) = interesting_cycle(&self.run.cycles) else { return };
         let style = Element::new("g").with("id", "candidates").with("stroke", style::CANDIDATE).with("fill", "none");
@@ -160,7 +160,7 @@ impl Scene<'_> {
         self.motion.thinned(((to - from) / FOOTPRINTS).max(if to - from > 14.0 { 1.0 } else { 0.5 }))
     }
 
-    /// Committed plans from their start on, down to the proven stop.
+    /// Committed plans from the vehicle to the fallback stop.
     fn plans(&self, svg: &mut Svg, view: &View) {
         let cycles = &self.run.cycles;
         let every = cycles.len().div_ceil(PLANS).max(1);
@@ -193,7 +193,7 @@ impl Scene<'_> {
         svg.add(&mark.with("fill", "none").with("stroke", style::ALARM).num("stroke-width", 2.5));
     }
 
-    /// Time labels below the driven path: at round times, with room between them.
+    /// Time labels below the driven path: at rounded times, with space in between.
     fn times(&self, svg: &mut Svg, view: &View) {
         let (from, to) = self.motion.time_range();
         let step = nice_step((to - from) / 7.0).max(1.0);
@@ -204,7 +204,7 @@ impl Scene<'_> {
                 let below = -0.5 * self.run.vehicle.width;
                 let side = view.page(&sample.pose.to_world(Point::new(0.0, below)));
                 let place = view.page(&sample.pose.to_world(Point::new(0.0, below - 12.0 / view.scale)));
-                if last.is_some_and(|l| (l.0 - place.0).hypot(l.1 - place.1) < LABEL_ROOM) {
+                if last.is_some_and(|l| (l.0 - place.0).hypot(l.1 - place.1) < LABEL_SPACING) {
                     continue;
                 }
                 last = Some(place);
@@ -219,7 +219,7 @@ impl Scene<'_> {
 pub(super) fn road(svg: &mut Svg, view: &View, network: &RoadNetwork) {
     let lanelets: Vec<&Lanelet> = network.lanelets.values().filter(|l| view.bounds.shows(&l.outline())).collect();
     svg.group(&Element::new("g").with("id", "road"), |svg| {
-        // bounds lie under the surfaces: only the rim of the road stays visible, not every lane of a junction
+        // bounds are below the surfaces: only the outer edge of the road stays visible, not every lane of a junction
         svg.group(&Element::new("g").with("stroke", style::BOUND).num("stroke-width", 2.4), |svg| {
             for line in lanelets.iter().flat_map(|l| [&l.left, &l.right]) {
                 svg.add(&view.line(line.points()).with("class", "bound"));
@@ -227,9 +227,9 @@ pub(super) fn road(svg: &mut Svg, view: &View, network: &RoadNetwork) {
         });
         for drivable in [false, true] {
             for l in lanelets.iter().filter(|l| l.is_drivable() == drivable) {
-                let fill = if drivable { style::ROAD } else { style::WAY };
+                let fill = if drivable { style::ROAD } else { style::NON_DRIVABLE };
                 let surface = view.polygon(&l.outline()).with("id", &format!("lanelet-{}", l.id));
-                // stroked in its own colour: no hairlines between neighbours
+                // stroked in the same colour: no hairlines between neighbours
                 svg.add(&surface.with("fill", fill).with("stroke", fill).num("stroke-width", 0.6));
             }
         }
@@ -248,7 +248,7 @@ pub(super) fn road(svg: &mut Svg, view: &View, network: &RoadNetwork) {
     });
 }
 
-/// The bounds that a lanelet shares with a neighbour: dashed if it is driven in the same direction, else solid.
+/// The bounds that a lanelet shares with a neighbour: dashed if both have the same direction, else solid.
 fn lane_marks(svg: &mut Svg, view: &View, lanelet: &Lanelet) {
     let sides = [(&lanelet.left, lanelet.adjacent_left), (&lanelet.right, lanelet.adjacent_right)];
     for (line, neighbour) in sides {
@@ -259,32 +259,32 @@ fn lane_marks(svg: &mut Svg, view: &View, lanelet: &Lanelet) {
     }
 }
 
-/// Outlines of a moving obstacle at the times, the later the stronger; the time at some of them.
+/// Outlines of a moving obstacle at the times, more opaque with time; time labels at some of them.
 fn moving_outlines(svg: &mut Svg, view: &View, obstacle: &Obstacle, ticks: &[f64]) {
     let colour = moving_colour(obstacle);
-    let seen: Vec<(f64, Vec<Vec<Point>>)> = ticks
+    let visible: Vec<(f64, Vec<Vec<Point>>)> = ticks
         .iter()
         .map(|t| (*t, obstacle_outlines(obstacle, *t)))
         .filter(|(_, outlines)| outlines.iter().any(|o| view.bounds.shows(o)))
         .collect();
     let middles: Vec<Point> =
-        seen.iter().filter_map(|(_, o)| Bounds::around(o.iter().flatten())).map(|b| b.centre()).collect();
+        visible.iter().filter_map(|(_, o)| Bounds::around(o.iter().flatten())).map(|b| b.centre()).collect();
     svg.add(&view.line(&middles).num("stroke-width", 0.7).with("stroke-opacity", "0.5"));
-    // sets overlap from one second to the next: their fills add up
-    let strength = if matches!(obstacle.motion, ObstacleMotion::Occupancy(_)) { 0.06 } else { 0.2 };
-    // what stands, as in a queue, needs no times
+    // sets overlap from one second to the next: their opacities add up
+    let opacity = if matches!(obstacle.motion, ObstacleMotion::Occupancy(_)) { 0.06 } else { 0.2 };
+    // a stopped obstacle, as in a queue, has no time labels
     let ends = middles.first().zip(middles.last()).map(|(a, b)| (view.page(a), view.page(b)));
-    let moves = ends.is_some_and(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1) > LABEL_ROOM);
+    let moves = ends.is_some_and(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1) > LABEL_SPACING);
     let mut last: Option<Page> = None;
-    for (i, (time, outlines)) in seen.iter().enumerate() {
-        let age = (i + 1) as f64 / seen.len() as f64;
+    for (i, (time, outlines)) in visible.iter().enumerate() {
+        let age = (i + 1) as f64 / visible.len() as f64;
         for outline in outlines {
-            let shape = view.polygon(outline).with("fill", colour).num("fill-opacity", 0.03 + strength * age);
+            let shape = view.polygon(outline).with("fill", colour).num("fill-opacity", 0.03 + opacity * age);
             svg.add(&shape.num("stroke-opacity", 0.25 + 0.75 * age).num("stroke-width", 1.1));
         }
         let Some(bounds) = Bounds::around(outlines.iter().flatten()) else { continue };
         let (x, y) = view.page(&Point::new(bounds.centre().x, bounds.max.y));
-        if moves && last.is_none_or(|l| (l.0 - x).hypot(l.1 - y) >= 2.0 * LABEL_ROOM) {
+        if moves && last.is_none_or(|l| (l.0 - x).hypot(l.1 - y) >= 2.0 * LABEL_SPACING) {
             last = Some((x, y));
             time_label(svg, (x, y - 4.0), *time, colour);
         }
@@ -305,7 +305,7 @@ pub(super) fn moving_colour(obstacle: &Obstacle) -> &'static str {
     }
 }
 
-/// The committed plan's path, from where the vehicle is to where it ends.
+/// The path of the committed plan from the vehicle to its end.
 fn planned_points(cycle: &Cycle) -> Vec<Point> {
     let plan = &cycle.committed;
     let (from, to) = (plan.at(cycle.time).station, plan.profile.last().station);
@@ -315,20 +315,20 @@ fn planned_points(cycle: &Cycle) -> Vec<Point> {
     points.collect()
 }
 
-/// The cycle that refused most candidates, then the one that had most; the earliest of equals.
+/// The cycle with the most infeasible candidates, then with the most candidates, then the earliest.
 fn interesting_cycle(cycles: &[Cycle]) -> Option<&Cycle> {
     let score = |c: &Cycle| (c.candidates.iter().filter(|k| refusal(k).is_some()).count(), c.candidates.len());
     cycles.iter().rev().max_by_key(|c| score(c)).filter(|c| !c.candidates.is_empty())
 }
 
-/// A bar of a round length in the lower left corner.
+/// A bar of a rounded length in the lower left corner.
 pub(super) fn scale_bar(svg: &mut Svg, view: &View) {
     let length = nice_step(60.0 / view.scale);
     let (left, bottom) = (view.area.corner.0 + 14.0, view.area.corner.1 + view.area.height - 12.0);
     let right = left + length * view.scale;
     svg.group(&Element::new("g").with("id", "scale-bar").with("stroke", style::INK).num("stroke-width", 1.4), |svg| {
-        let backing = Element::rect((left - 8.0, bottom - 20.0), right - left + 16.0, 27.0).num("rx", 3.0);
-        svg.add(&backing.with("fill", style::PAPER).with("fill-opacity", "0.75").with("stroke", "none"));
+        let background = Element::rect((left - 8.0, bottom - 20.0), right - left + 16.0, 27.0).num("rx", 3.0);
+        svg.add(&background.with("fill", style::PAPER).with("fill-opacity", "0.75").with("stroke", "none"));
         svg.add(
             &Element::polyline([(left, bottom - 4.0), (left, bottom), (right, bottom), (right, bottom - 4.0)])
                 .with("fill", "none"),
@@ -349,14 +349,14 @@ mod tests {
     }
 
     #[test]
-    fn left_of_the_road_is_higher_on_the_page() {
+    fn y_is_up_on_the_page() {
         let (view, road) = (view(), Point::new(50.0, 0.0));
         assert!(view.page(&Point::new(50.0, 3.0)).1 < view.page(&road).1);
         assert!(view.page(&Point::new(53.0, 0.0)).0 > view.page(&road).0);
     }
 
     #[test]
-    fn both_axes_have_one_scale_and_the_action_is_in_the_middle() {
+    fn both_axes_share_one_scale_and_the_action_is_centred() {
         let view = view();
         let (a, b) = (view.page(&Point::new(0.0, 0.0)), view.page(&Point::new(10.0, 10.0)));
         assert!(((b.0 - a.0) + (b.1 - a.1)).abs() < 1e-9, "{a:?} {b:?}");

@@ -1,5 +1,5 @@
-//! Colours of the pictures, in one place. Chosen to stay apart in grey and for the colour-blind (Okabe & Ito 2008 for
-//! the accents, viridis for the speed).
+//! Colours of the pictures, distinguishable in greyscale and with colour blindness (accents from Okabe & Ito 2008,
+//! viridis for the speed).
 
 /// Text and strong lines.
 pub(super) const INK: &str = "#1f2933";
@@ -7,12 +7,12 @@ pub(super) const INK: &str = "#1f2933";
 pub(super) const FAINT_INK: &str = "#616e7c";
 /// Page.
 pub(super) const PAPER: &str = "#ffffff";
-/// LatticeContext beside the road.
+/// Ground beside the road.
 pub(super) const GROUND: &str = "#eef1ea";
 /// Road surface.
 pub(super) const ROAD: &str = "#d5dae0";
-/// Ways that are not for cars.
-pub(super) const WAY: &str = "#e4e2da";
+/// Lanelets that are not for cars.
+pub(super) const NON_DRIVABLE: &str = "#e4e2da";
 /// Outer bounds of the road.
 pub(super) const BOUND: &str = "#7b8794";
 /// Bounds between lanes.
@@ -31,13 +31,13 @@ pub(super) const MOVING: &str = "#d55e00";
 pub(super) const VULNERABLE: &str = "#b0307f";
 /// The driven path and driven values.
 pub(super) const DRIVEN: &str = "#0b3d91";
-/// Wanted values.
-pub(super) const WANTED: &str = "#e69f00";
-/// Committed plans and their proofs of stopping.
+/// Reference values.
+pub(super) const REFERENCE: &str = "#e69f00";
+/// Committed plans and their fallback stops.
 pub(super) const PLAN: &str = "#56a0d3";
 /// Candidates.
 pub(super) const CANDIDATE: &str = "#9aa5b1";
-/// Panel background, grid and zero line.
+/// Background of panels.
 pub(super) const PANEL: &str = "#f8f9fb";
 /// Grid lines.
 pub(super) const GRID: &str = "#e4e7eb";
@@ -45,12 +45,12 @@ pub(super) const GRID: &str = "#e4e7eb";
 pub(super) const ZERO: &str = "#9aa5b1";
 /// Comfort limits.
 pub(super) const LIMIT: &str = "#a06000";
-/// Limits of the last resort, failed checks.
+/// Fallback limits, speed limits, failed checks.
 pub(super) const ALARM: &str = "#c81e1e";
-/// Held checks.
-pub(super) const FINE: &str = "#00795a";
+/// Passed checks.
+pub(super) const PASS: &str = "#00795a";
 
-/// Viridis at 0, 1/8, … 7/8: the top yellow is left out, it drowns on a light road.
+/// Viridis at 0, 1/8, … 7/8: without the top yellow, which has too little contrast on a light road.
 const VIRIDIS: [[f64; 3]; 8] = [
     [68.0, 1.0, 84.0],
     [71.0, 44.0, 122.0],
@@ -62,9 +62,9 @@ const VIRIDIS: [[f64; 3]; 8] = [
     [170.0, 220.0, 50.0],
 ];
 
-/// The lower end of the viridis colours.
+/// Lower end of the colour scale.
 pub(super) const VIRIDIS_LOW: &str = "#440154";
-/// Their upper end.
+/// Upper end of the colour scale.
 pub(super) const VIRIDIS_HIGH: &str = "#aadc32";
 
 /// Colour of a value in 0…1 (clamped), as red, green, blue.

@@ -1,14 +1,14 @@
 //! A small SVG writer: elements with attributes, escaped text, numbers with fixed decimals.
 //!
-//! The same calls give the same bytes. Numbers carry two decimals (pixels) and are never `NaN` or infinite: a shape
-//! that would hold such a number is left out as a whole, so that the file stays valid whatever it is fed.
+//! Equal calls give equal bytes. Numbers have two decimals (pixels) and are never `NaN` or infinite: a shape with such
+//! a number is omitted, so that the file is always valid.
 
 use std::fmt::Write as _;
 
 /// A position on the page, in pixels, y down.
 pub(super) type Page = (f64, f64);
 
-/// An element in the making.
+/// An element under construction.
 #[derive(Debug, Clone)]
 pub(super) struct Element {
     name: &'static str,
@@ -22,13 +22,13 @@ impl Element {
         Self { name, attributes: String::new(), finite: true }
     }
 
-    /// With a text attribute, escaped.
+    /// Adds a text attribute, escaped.
     pub(super) fn with(mut self, name: &str, value: &str) -> Self {
         let _ = write!(self.attributes, " {name}=\"{}\"", escape(value));
         self
     }
 
-    /// With a number.
+    /// Adds a numeric attribute.
     pub(super) fn num(mut self, name: &str, value: f64) -> Self {
         self.finite &= value.is_finite();
         let _ = write!(self.attributes, " {name}=\"{}\"", number(value));
@@ -75,7 +75,7 @@ impl Element {
     }
 }
 
-/// A document in the making.
+/// A document under construction.
 #[derive(Debug)]
 pub(super) struct Svg {
     text: String,
@@ -101,7 +101,7 @@ impl Svg {
         }
     }
 
-    /// Adds an element that holds text.
+    /// Adds an element with text content.
     pub(super) fn add_text(&mut self, element: &Element, text: &str) {
         if element.finite {
             self.indent();
@@ -109,7 +109,7 @@ impl Svg {
         }
     }
 
-    /// Adds an element around what `content` adds.
+    /// Adds an element that encloses the elements added by `content`.
     pub(super) fn group(&mut self, element: &Element, content: impl FnOnce(&mut Self)) {
         self.indent();
         let _ = writeln!(self.text, "<{}{}>", element.name, element.attributes);
@@ -133,7 +133,7 @@ impl Svg {
     }
 }
 
-/// A number with at most two decimals; 0 for what is not finite (its element is dropped anyway).
+/// A number with at most two decimals; 0 if not finite (its element is omitted anyway).
 pub(super) fn number(value: f64) -> String {
     if !value.is_finite() {
         return "0".into();
@@ -143,21 +143,21 @@ pub(super) fn number(value: f64) -> String {
     if text == "-0" { "0".into() } else { text.into() }
 }
 
-/// Text made safe for XML content and attributes; characters that XML 1.0 forbids become the replacement character.
+/// Escapes text for XML content and attributes; characters that XML 1.0 forbids become the replacement character.
 fn escape(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
+    let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '"' => safe.push_str("&quot;"),
-            '\t' | '\n' | '\r' => safe.push(' '),
-            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => safe.push('\u{fffd}'),
-            c => safe.push(c),
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\t' | '\n' | '\r' => escaped.push(' '),
+            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => escaped.push('\u{fffd}'),
+            c => escaped.push(c),
         }
     }
-    safe
+    escaped
 }
 
 #[cfg(test)]
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shape_with_a_number_that_is_none_is_left_out() {
+    fn a_shape_with_an_invalid_number_is_omitted() {
         let mut svg = Svg::new(10.0, 10.0);
         svg.add(&Element::polyline([(0.0, 1.0), (f64::NAN, 2.0)]));
         svg.add(&Element::line((0.0, f64::INFINITY), (1.0, 1.0)));

@@ -1,8 +1,8 @@
-//! Panels of violins: the distribution of a figure in each of several groups, on a linear or a logarithmic scale.
+//! Panels of violin plots: the distribution of a metric in several groups, on a linear or logarithmic scale.
 //!
-//! A violin is a Gaussian kernel density (bandwidth by Silverman's rule, on the scale that is drawn) mirrored on its axis,
-//! as wide as its peak allows, cut off at the least and the largest value; the median is a line, the quartiles a bar. Few
-//! values, or equal ones, make a thin one.
+//! A violin is a Gaussian kernel density (bandwidth by Silverman's rule, on the drawn scale) mirrored on its axis,
+//! scaled to the width of its slot and cut off at the smallest and largest value. A line marks the median, a bar the
+//! quartiles. Few or equal values give a thin violin.
 
 use super::axes::{Area, nice_step};
 use super::style;
@@ -16,19 +16,19 @@ pub(super) struct Panel {
     pub(super) id: &'static str,
     /// Whether the scale is logarithmic.
     pub(super) logarithmic: bool,
-    /// Groups along the page with their labels, each with violins side by side.
+    /// Groups from left to right with their labels, each with violins side by side.
     pub(super) groups: Vec<(String, Vec<Violin>)>,
-    /// What the groups are, written below them.
+    /// Label of the groups, below them.
     pub(super) axis: &'static str,
 }
 
-/// Values of one kind.
+/// One distribution.
 pub(super) struct Violin {
     /// Sorted.
     pub(super) values: Vec<f64>,
     /// Colour.
     pub(super) colour: &'static str,
-    /// Class for whoever reads the file.
+    /// CSS class.
     pub(super) class: &'static str,
 }
 
@@ -65,12 +65,12 @@ impl Panel {
         });
     }
 
-    /// A value on the scale that is drawn.
+    /// A value on the drawn scale.
     fn scaled(&self, value: f64) -> f64 {
         if self.logarithmic { value.max(f64::MIN_POSITIVE).log10() } else { value }
     }
 
-    /// What is shown, on the scale that is drawn: all values with a little air, whole decades of a logarithmic scale.
+    /// Vertical range on the drawn scale: all values with a margin; whole decades on a logarithmic scale.
     fn range(&self) -> (f64, f64) {
         let values = self.groups.iter().flat_map(|g| &g.1).flat_map(|v| &v.values).map(|v| self.scaled(*v));
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -80,13 +80,13 @@ impl Panel {
         if self.logarithmic {
             return (low.floor(), high.ceil().max(low.floor() + 1.0));
         }
-        let air = 0.06 * (high - low).max(0.1);
-        (low - air, high + air)
+        let margin = 0.06 * (high - low).max(0.1);
+        (low - margin, high + margin)
     }
 
     fn grid(&self, svg: &mut Svg, plot: Area, range: (f64, f64)) {
         let step = if self.logarithmic { 1.0 } else { nice_step((range.1 - range.0) * 34.0 / plot.height) };
-        #[allow(clippy::cast_possible_truncation)] // a handful
+        #[allow(clippy::cast_possible_truncation)] // few
         let (first, last) = ((range.0 / step).ceil() as i64, (range.1 / step).floor() as i64);
         for i in first..=last {
             let y = level(plot, range, i as f64 * step);
@@ -98,7 +98,7 @@ impl Panel {
     }
 }
 
-/// Where a scaled value stands on the page.
+/// Page coordinate of a scaled value.
 fn level(plot: Area, range: (f64, f64), value: f64) -> f64 {
     plot.corner.1 + plot.height * (range.1 - value) / (range.1 - range.0)
 }
@@ -108,7 +108,7 @@ fn label(svg: &mut Svg, (x, y): Page, anchor: &str, text: &str) {
     svg.add_text(&element.with("text-anchor", anchor).with("fill", style::FAINT_INK), text);
 }
 
-/// 10ⁿ in one line.
+/// 10ⁿ as text.
 fn power_of_ten(n: i64) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let digit = |c: char| c.to_digit(10).map_or('⁻', |d| DIGITS[d as usize]);
@@ -117,7 +117,7 @@ fn power_of_ten(n: i64) -> String {
 
 impl Violin {
     fn draw(&self, svg: &mut Svg, values: &[f64], middle: f64, half: f64, y: impl Fn(f64) -> f64) {
-        /// Slices from the least to the largest value.
+        /// Number of slices from the smallest to the largest value.
         const SLICES: u32 = 48;
         let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return };
         let bandwidth = silverman(values);
@@ -132,14 +132,14 @@ impl Violin {
         let quartile = |share: f64| y(quantile(values, share));
         let bar = Element::line((middle, quartile(0.25)), (middle, quartile(0.75))).with("stroke", self.colour);
         svg.add(&bar.num("stroke-width", 3.0));
-        let reach = half.min(7.0);
-        let median = Element::line((middle - reach, quartile(0.5)), (middle + reach, quartile(0.5)));
+        let half_length = half.min(7.0);
+        let median = Element::line((middle - half_length, quartile(0.5)), (middle + half_length, quartile(0.5)));
         svg.add(&median.with("stroke", style::INK).num("stroke-width", 1.6));
     }
 }
 
-/// Silverman's rule of thumb: 0.9 min(σ, IQR/1.34) n^(−1/5) (Density Estimation, 1986, 3.31); a little above nothing for
-/// equal values.
+/// Silverman's rule of thumb: 0.9 min(σ, IQR/1.34) n^(−1/5) (Density Estimation, 1986, 3.31); a small positive value
+/// for equal values.
 fn silverman(sorted: &[f64]) -> f64 {
     const LEAST: f64 = 1e-3;
     let n = sorted.len() as f64;
@@ -150,12 +150,12 @@ fn silverman(sorted: &[f64]) -> f64 {
     (0.9 * spread * n.powf(-0.2)).max(LEAST)
 }
 
-/// Up to a factor, which does not matter here.
+/// Kernel density up to a constant factor, which the drawing normalises.
 fn kernel_density(values: &[f64], bandwidth: f64, at: f64) -> f64 {
     values.iter().map(|v| (-0.5 * ((at - v) / bandwidth).powi(2)).exp()).sum()
 }
 
-/// The value that a share of the sorted values does not exceed, interpolated.
+/// The quantile of sorted values for a share in 0…1, linearly interpolated; 0 without values.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * sorted.len().saturating_sub(1) as f64;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // an index
@@ -178,12 +178,12 @@ mod tests {
     }
 
     #[test]
-    fn a_violin_is_drawn_for_many_few_equal_and_no_values() {
+    fn draws_many_few_equal_and_no_values() {
         assert!(panel((0..50).map(f64::from).collect(), false).contains("class=\"a\""));
         assert!(panel(vec![2.0], false).contains("class=\"a\""));
         assert!(panel(vec![2.0; 9], true).contains("class=\"a\""));
         assert!(!panel(vec![], true).contains("class=\"a\""));
-        assert!(panel(vec![0.0, 3.0], true).contains("class=\"a\""), "no logarithm of nothing");
+        assert!(panel(vec![0.0, 3.0], true).contains("class=\"a\""), "zero on a logarithmic scale");
     }
 
     #[test]

@@ -1,7 +1,7 @@
-//! The layout stored in the recording: top views large above, plots below, verdict and decisions at the side.
+//! The layout stored in the recording: large top views above, plots below, verdict and decisions at the side.
 //!
-//! Rerun's own builder of layouts has no way to set the region of a 2D view or the axes of a plot, so the blueprint
-//! archetypes are written here as the viewer reads them: `viewport`, `container/ID`, `view/ID`, `view/ID/PROPERTY`.
+//! Rerun's blueprint API cannot set the region of a 2D view or the axes of a plot. Therefore this module writes the
+//! blueprint archetypes as the viewer reads them: `viewport`, `container/ID`, `view/ID`, `view/ID/PROPERTY`.
 
 use rerun::datatypes::{Range2D, Uuid};
 use rerun::external::re_log_types::{BlueprintActivationCommand, LogMsg};
@@ -17,10 +17,10 @@ use super::series::{self, StationTime};
 use super::style::GROUND;
 use super::{APPLICATION, Context, RecordingError, TIMELINE};
 
-/// The view that follows the vehicle shows this much to its sides, m.
-const FOLLOWED: (f64, f64) = (45.0, 14.0);
-/// Actions longer than this open in the view that follows the vehicle, m.
-const LONG: f64 = 220.0;
+/// Half-size of the view that follows the vehicle, m.
+const FOLLOW_HALF_SIZE: (f64, f64) = (45.0, 14.0);
+/// Extent of the action above which the view that follows the vehicle opens first, m.
+const LONG_ACTION: f64 = 220.0;
 
 /// Sends the layout for a run.
 pub(super) fn send(context: &Context, recording_id: &str) -> Result<(), RecordingError> {
@@ -29,7 +29,7 @@ pub(super) fn send(context: &Context, recording_id: &str) -> Result<(), Recordin
         .recording_id(format!("layout-{recording_id}"))
         .blueprint()
         .memory()
-        .map_err(RecordingError::made)?;
+        .map_err(RecordingError::encoding)?;
     stream.set_time_sequence("blueprint", 0);
     let mut layout = Layout { stream, count: 0 };
     let root = layout.all(context)?;
@@ -47,7 +47,7 @@ pub(super) fn send(context: &Context, recording_id: &str) -> Result<(), Recordin
     Ok(())
 }
 
-/// A view or a container that has been written.
+/// A written view or container.
 #[derive(Debug, Clone, Copy)]
 struct Placed {
     kind: &'static str,
@@ -56,7 +56,7 @@ struct Placed {
 
 impl Placed {
     fn uuid(self) -> [u8; 16] {
-        // any sixteen bytes do; these are the same in every recording
+        // an arbitrary value, equal in every recording
         let mut bytes = *b"stopline-layout\0";
         bytes[15] = self.number;
         bytes
@@ -73,7 +73,7 @@ impl Placed {
     }
 }
 
-/// The layout being written.
+/// A layout under construction.
 struct Layout {
     stream: RecordingStream,
     count: u8,
@@ -81,7 +81,7 @@ struct Layout {
 
 impl Layout {
     fn log(&self, path: &str, data: &impl AsComponents) -> Result<(), RecordingError> {
-        self.stream.log(path, data).map_err(RecordingError::made)
+        self.stream.log(path, data).map_err(RecordingError::encoding)
     }
 
     fn next(&mut self, kind: &'static str) -> Placed {
@@ -91,9 +91,9 @@ impl Layout {
 
     fn all(&mut self, context: &Context) -> Result<Placed, RecordingError> {
         let overview = self.top_view("Overview", "/", overview_bounds(context))?;
-        let followed = (([-FOLLOWED.0, FOLLOWED.0]), ([-FOLLOWED.1, FOLLOWED.1]));
-        let follow = self.top_view("Following", "follow", followed)?;
-        let long = context.action.width().max(context.action.height()) > LONG;
+        let followed = (([-FOLLOW_HALF_SIZE.0, FOLLOW_HALF_SIZE.0]), ([-FOLLOW_HALF_SIZE.1, FOLLOW_HALF_SIZE.1]));
+        let follow = self.top_view("Follow vehicle", "follow", followed)?;
+        let long = context.action.width().max(context.action.height()) > LONG_ACTION;
         let top = self.tabs(&[overview, follow], if long { follow } else { overview })?;
         let names =
             ["Speed, m/s", "Acceleration, m/s²", "Jerk, m/s³", "Lateral acceleration, m/s²", "Steering, degrees"];
@@ -108,7 +108,7 @@ impl Layout {
         let upper = self.row(first, &[1.0, 1.0, 1.0])?;
         let lower = self.row(second, &[1.0, 1.0, 1.0])?;
         let aspect = context.action.width() / context.action.height();
-        // a long narrow road needs less height
+        // a long, narrow road needs less height
         let share = if aspect > 4.0 { 1.3 } else { 2.2 };
         let main = self.column(&[top, upper, lower], &[share, 1.0, 1.0])?;
         let verdict = self.view("TextDocument", "Verdict", "verdict", &["+ $origin"])?;
@@ -161,7 +161,7 @@ impl Layout {
         self.log(&format!("{}/TimeAxis", view.path()), &axis)?;
         let values = bp::ScalarAxis::new().with_range(rerun::datatypes::Range1D(range));
         self.log(&format!("{}/ScalarAxis", view.path()), &values)?;
-        // one legend for all of them: a second curve means the same in each
+        // one legend for all plots: equal colours have equal meanings
         let legend = bp::PlotLegend::new().with_corner(Corner2D::RightTop).with_visible(entity == "speed");
         self.log(&format!("{}/PlotLegend", view.path()), &legend)?;
         Ok(view)
@@ -194,7 +194,7 @@ impl Layout {
         self.container(ContainerKind::Tabs, contents, |c| c.with_active_tab(active))
     }
 
-    /// The viewer's own panels out of the way, our timeline chosen.
+    /// Hides the viewer's panels and selects our timeline.
     fn panels(&self) -> Result<(), RecordingError> {
         let folded = |state| bp::PanelBlueprint::new().with_state(state);
         self.log("blueprint_panel", &folded(PanelState::Hidden))?;
@@ -205,7 +205,7 @@ impl Layout {
     }
 }
 
-/// The region of the action as the viewer has it: y down.
+/// The bounds of the action in viewer coordinates: y down.
 fn overview_bounds(context: &Context) -> ([f64; 2], [f64; 2]) {
     let (min, max) = (context.action.min - context.origin, context.action.max - context.origin);
     ([min.x, max.x], [-max.y, -min.y])

@@ -1,24 +1,26 @@
-//! Recordings: a run as a `.rrd` file for the Rerun viewer, with the layout to look at it inside.
+//! Recordings: a run as a `.rrd` file for the Rerun viewer, including the layout.
 //!
-//! What is in it, by entity:
+//! Contents by entity:
 //!
-//! | entity | what |
+//! | entity | content |
 //! |---|---|
-//! | `map/…` | road surface, bounds, lane marks, stop lines, goal, the driven path: logged once |
-//! | `map/obstacles/ID` | the shape of an obstacle, its poses a tick apart; sets of a set-based prediction |
-//! | `map/plan/…` | per planning cycle: reference line, candidates, committed path, footprint at its proven stop |
-//! | `map/ego` | the vehicle's shape, its poses a tick apart |
-//! | `follow` | a frame that moves with the vehicle, for the view that follows it |
-//! | `series/…` | speed, acceleration, jerk, lateral acceleration, steering, with their limits |
-//! | `st/…` | station over time of the committed plan, with the cells blocked on it |
-//! | `decisions`, `verdict` | text |
+//! | `map/…` | road surface, bounds, lane markings, stop lines, goal, driven path: logged once |
+//! | `map/obstacles/ID` | shape of an obstacle and its pose at each tick; the sets of a set-based prediction |
+//! | `map/plan/…` | per planning cycle: reference line, candidates, committed path, footprint at its fallback stop |
+//! | `map/ego` | shape of the vehicle and its pose at each tick |
+//! | `follow` | frame that moves with the vehicle, for the view that follows it |
+//! | `series/…` | speed, acceleration, jerk, lateral acceleration, steering, with references and limits |
+//! | `st/…` | station over time of the committed plan, with the blocked cells |
+//! | `decisions` | text log: what was committed and why |
+//! | `verdict` | text document: the checks, and the failed ones in detail |
 //!
-//! Positions are metres from an origin near the start, a whole metre: the viewer computes in `f32`, which would lose
-//! centimetres in UTM coordinates. Its 2D views have y down, so a mirror stands above `map`. They can't fill polygons
+//! Positions are in metres from an origin near the start, rounded to whole metres: the viewer computes in `f32`, which
+//! would lose centimetres in UTM coordinates. Its 2D views have y down, so `map` is mirrored. They cannot fill polygons
 //! either: the road surface is an image, and vehicles are filled with thick strokes (`shapes::hatch`).
 //!
-//! The recording is made in memory and written under a temporary name, so that a file of the wanted name is always
-//! whole. Recordings of one run have the same recording id, not the same bytes: Rerun stamps rows with the clock.
+//! The recording is built in memory and written under a temporary name, so that a file under the requested name is
+//! always complete. Recordings of equal runs have the same recording id but different bytes, since Rerun stamps rows
+//! with the wall clock.
 
 mod blueprint;
 mod plans;
@@ -41,53 +43,53 @@ use crate::io::files::{WriteError, write_atomic};
 use crate::plot::motion::Motion;
 use crate::plot::outline::{Bounds, action_bounds};
 
-/// Name under which the viewer keeps settings for our recordings.
+/// Application id, under which the viewer stores settings for our recordings.
 const APPLICATION: &str = "stopline";
 /// The timeline, seconds of the run.
 const TIMELINE: &str = "time";
 /// Time between two poses of the vehicle and the obstacles, s: smooth to the eye.
 const TICK: f64 = 0.04;
 
-/// Why a recording could not be written. It never fails the run itself.
+/// The reason why a recording could not be written. It does not fail the run.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// Rerun could not take the data.
-    #[error("the recording could not be made: {0}")]
-    Made(Box<dyn std::error::Error + Send + Sync>),
+    /// Rerun could not encode the data.
+    #[error("Rerun could not encode the recording: {0}")]
+    Encoding(Box<dyn std::error::Error + Send + Sync>),
     /// The file could not be written.
     #[error(transparent)]
-    Written(#[from] WriteError),
+    Write(#[from] WriteError),
 }
 
 impl RecordingError {
-    fn made(error: impl std::error::Error + Send + Sync + 'static) -> Self {
-        Self::Made(Box::new(error))
+    fn encoding(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Encoding(Box::new(error))
     }
 }
 
-/// Writes the recording of a run to `path`, replacing what is there. For a single planning cycle, whose log is empty,
-/// the committed plan stands in for the drive.
+/// Writes the recording of a run to `path`, replacing an existing file. For a single planning cycle, whose log is
+/// empty, the committed plan replaces the drive.
 ///
 /// # Errors
-/// [`RecordingError::Written`] if the file can't be written, [`RecordingError::Made`] if Rerun fails.
+/// [`RecordingError::Write`] if the file cannot be written, [`RecordingError::Encoding`] if Rerun fails.
 pub fn write(run: &Run, path: &Path) -> Result<(), RecordingError> {
     write_atomic(path, &recorded(run)?)?;
     Ok(())
 }
 
-/// What all parts of the recording need.
+/// Common inputs of all parts of the recording.
 struct Context<'a> {
     stream: RecordingStream,
     run: &'a Run<'a>,
     motion: Motion,
-    /// The region of the action, in world coordinates.
+    /// Bounds of the action, in world coordinates.
     action: Bounds,
     /// World position of the recording's origin.
     origin: Point,
 }
 
 impl Context<'_> {
-    /// A position relative to the origin; `None` for what is not finite.
+    /// A position relative to the origin; `None` if it is not finite.
     fn local(&self, p: &Point) -> Option<[f32; 2]> {
         #[allow(clippy::cast_possible_truncation)] // near the origin f32 is exact to less than a millimetre
         let local = [(p.x - self.origin.x) as f32, (p.y - self.origin.y) as f32];
@@ -109,25 +111,25 @@ impl Context<'_> {
     }
 
     fn log(&self, entity: &str, data: &impl rerun::AsComponents) -> Result<(), RecordingError> {
-        self.stream.log(entity, data).map_err(RecordingError::made)
+        self.stream.log(entity, data).map_err(RecordingError::encoding)
     }
 
     fn log_static(&self, entity: &str, data: &impl rerun::AsComponents) -> Result<(), RecordingError> {
-        self.stream.log_static(entity, data).map_err(RecordingError::made)
+        self.stream.log_static(entity, data).map_err(RecordingError::encoding)
     }
 }
 
 /// The bytes of the recording.
 fn recorded(run: &Run) -> Result<Vec<u8>, RecordingError> {
     let id = recording_id(run);
-    // `enabled`: the environment must not switch off what the user asked for. `NEVER`: all is flushed at the end.
+    // `enabled`: no environment variable may disable a requested recording. `NEVER`: everything is flushed at the end.
     let (stream, storage) = RecordingStreamBuilder::new(APPLICATION)
         .enabled(true)
         .recording_id(id.as_str())
         .recording_name(format!("{} · {}", run.scenario.id, run.outcome.name()))
         .batcher_config(ChunkBatcherConfig::NEVER)
         .memory()
-        .map_err(RecordingError::made)?;
+        .map_err(RecordingError::encoding)?;
     stream.set_log_tick_enabled(false);
     stream.set_log_time_enabled(false);
     let motion = Motion::of(run);
@@ -143,8 +145,8 @@ fn recorded(run: &Run) -> Result<Vec<u8>, RecordingError> {
     plans::log(&context)?;
     series::log(&context)?;
     text::log(&context)?;
-    context.stream.flush_blocking().map_err(RecordingError::made)?;
-    storage.drain_as_bytes().map_err(RecordingError::made)
+    context.stream.flush_blocking().map_err(RecordingError::encoding)?;
+    storage.drain_as_bytes().map_err(RecordingError::encoding)
 }
 
 /// A finite position near the start.
@@ -153,7 +155,7 @@ fn start(run: &Run, action: &Bounds) -> Point {
     if start.coords.iter().all(|c| c.is_finite()) { start } else { action.centre() }
 }
 
-/// An id that follows from what happened: the same run recorded twice is one recording to the viewer.
+/// An id derived from the content of the run: the viewer treats two recordings of the same run as one.
 fn recording_id(run: &Run) -> String {
     let mut hash = Sha256::new();
     hash.update(run.scenario.id.as_bytes());
@@ -183,7 +185,7 @@ mod tests {
     use crate::map::{Motion as ObstacleMotion, RoadNetwork};
     use crate::plot::example::Example;
 
-    /// What Rerun itself reads from the recording: the store of the run and the one of the layout.
+    /// What Rerun reads from the recording: the store of the run and that of the layout.
     fn read_back(bytes: &[u8]) -> Vec<(StoreId, BTreeSet<String>)> {
         let stores = ChunkStore::from_rrd_reader(&ChunkStoreConfig::DEFAULT, &mut std::io::Cursor::new(bytes)).unwrap();
         let entities = |store: &ChunkStore| store.all_entities_sorted().iter().map(ToString::to_string).collect();
@@ -204,7 +206,7 @@ mod tests {
         let parts = ["map", "map/surface", "map/bounds", "map/lane_marks", "map/stop_lines", "map/goal", "map/driven"];
         let plans = [
             "map/plan/committed",
-            "map/plan/proven_stop",
+            "map/plan/fallback_stop",
             "map/plan/candidates/reasons",
             "map/plan/candidates/costs",
             "st/plan",
@@ -222,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_run_is_the_same_recording_to_the_viewer() {
+    fn equal_runs_have_equal_recording_ids() {
         let example = Example::new();
         let id = |run: &Run| read_back(&recorded(run).unwrap())[0].0.clone();
         assert_eq!(id(&example.run()), id(&example.run()));
@@ -232,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn positions_are_relative_to_the_start_and_what_is_none_is_dropped() {
+    fn positions_are_relative_to_the_start_and_invalid_ones_are_dropped() {
         let example = Example::new();
         let run = example.run();
         let (stream, _storage) = RecordingStreamBuilder::new(APPLICATION).memory().unwrap();
@@ -249,17 +251,17 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_cannot_be_written_is_an_error_that_names_it() {
+    fn the_error_names_a_path_that_cannot_be_written() {
         let example = Example::new();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("no such folder").join("run.rrd");
         let error = write(&example.run(), &path).unwrap_err();
-        assert!(matches!(error, RecordingError::Written(_)));
+        assert!(matches!(error, RecordingError::Write(_)));
         assert!(error.to_string().contains("no such folder"), "{error}");
     }
 
     #[test]
-    fn a_single_cycle_and_nothing_at_all_are_recorded() {
+    fn records_a_single_cycle_and_an_empty_run() {
         let mut example = Example::new();
         let mut run = example.run();
         run.cycles.truncate(1);
@@ -276,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_do_not_stop_the_recording() {
+    fn records_a_run_with_invalid_numbers() {
         let mut example = Example::new();
         example.scenario.problems[0].initial.centre.position.x = f64::NAN;
         for obstacle in &mut example.scenario.obstacles {

@@ -1,21 +1,22 @@
-//! What each planning cycle saw and chose: reference line, candidates, the committed path and its proven stop.
+//! Input and result of each planning cycle: reference line, candidates, the committed path and its fallback stop.
 //!
-//! Candidates are coloured by what became of them: chosen, dearer, refused. At the end of the chosen one stands its cost
-//! by terms, and below it that of the runner-up, so that what decided between them can be read; one label for each reason
-//! of refusal stands on the way.
+//! Candidates are coloured by result: chosen, higher cost, infeasible. A label at the end of the chosen one shows its
+//! cost by terms, and below it that of the runner-up, so that the deciding terms can be read; there is one label for
+//! each reason of rejection.
 
 use std::collections::BTreeMap;
 
 use rerun::Points2D;
 
 use super::style::{self, order, pixels, strips};
+use super::text::cost_by_terms;
 use super::{Context, RecordingError};
 use crate::geometry::Point;
 use crate::planner::{Candidate, Cycle, Rejection};
 use crate::plot::outline::footprint;
 use crate::plot::refusal;
 
-/// Points along a candidate: its shape is smooth, and there are many of them.
+/// Number of points per candidate: its shape is smooth, and there are many of them.
 const CANDIDATE_POINTS: f64 = 32.0;
 /// Spacing of points along the committed path, m.
 const PLAN_SPACING: f64 = 0.5;
@@ -28,7 +29,7 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
     })
 }
 
-/// Logs what one cycle saw and chose, at the present time of the stream.
+/// Logs one cycle at the current time of the stream.
 fn log_cycle(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
     let reference = vec![context.line(&cycle.reference)];
     context.log("map/plan/reference", &strips(reference, style::REFERENCE, pixels(0.6), order::REFERENCE))?;
@@ -44,7 +45,7 @@ fn log_cycle(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
         std::iter::once(plan.path.at(from).pose.position).chain(ahead).chain([stop.position]).collect();
     context.log("map/plan/committed", &strips(vec![context.line(&line)], style::PLAN, pixels(1.6), order::PLAN))?;
     let print = footprint(context.run.vehicle, &stop).iter().map(|part| context.ring(part)).collect();
-    context.log("map/plan/proven_stop", &strips(print, style::PROVEN_STOP, pixels(1.2), order::PLAN))
+    context.log("map/plan/fallback_stop", &strips(print, style::FALLBACK_STOP, pixels(1.2), order::PLAN))
 }
 
 fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
@@ -66,13 +67,13 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
     context.log("map/plan/candidates/reasons", &points.with_labels(labels).with_draw_order(order::LABELS))
 }
 
-/// The cost by terms at the end of the chosen candidate, and below it that of the cheapest one that it was chosen before.
+/// Labels the end of the chosen candidate with its cost by terms, and with that of the runner-up.
 fn log_costs(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
     let chosen = cycle.chosen.and_then(|i| cycle.candidates.get(i));
-    let passed = cycle.candidates.iter().filter(|c| c.rejected == Some(Rejection::HigherCost));
-    let runner_up = passed.min_by(|a, b| a.cost.total_cmp(&b.cost));
+    let alternatives = cycle.candidates.iter().filter(|c| c.rejected == Some(Rejection::HigherCost));
+    let runner_up = alternatives.min_by(|a, b| a.cost.total_cmp(&b.cost));
     let label = |c: &Candidate| {
-        let next = runner_up.map(|r| format!("\ndearer {}", cost_by_terms(r))).unwrap_or_default();
+        let next = runner_up.map(|r| format!("\nrunner-up {}", cost_by_terms(r))).unwrap_or_default();
         let place = context.local(&c.path.at(c.path.length()).pose.position)?;
         Some((place, format!("chosen {}{next}", cost_by_terms(c))))
     };
@@ -81,19 +82,8 @@ fn log_costs(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
     context.log("map/plan/candidates/costs", &points.with_labels(labels).with_draw_order(order::LABELS))
 }
 
-/// The cost and the terms that are more than nothing, dearest first.
-fn cost_by_terms(candidate: &Candidate) -> String {
-    /// Terms smaller than this are not told.
-    const NOTHING: f64 = 0.05;
-    let mut terms: Vec<(&str, f64)> = candidate.terms.named().into_iter().filter(|(_, v)| *v >= NOTHING).collect();
-    terms.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let told: Vec<String> = terms.iter().map(|(name, value)| format!("{name} {value:.1}")).collect();
-    let equals = if told.is_empty() { "" } else { " = " };
-    format!("{:.1}{equals}{}", candidate.cost, told.join(" + "))
-}
-
-/// One label for each reason, on the middle one of the candidates that have it: a label on each would hide the road.
-/// The labels stand at different stations, the candidates meet again at their ends.
+/// One label for each reason of rejection, on the middle candidate with that reason: a label on each candidate would
+/// hide the road. The labels are at different stations, since candidates meet again at their ends.
 fn rejection_labels(context: &Context, candidates: &[Candidate]) -> (Vec<[f32; 2]>, Vec<String>) {
     let mut by_reason: BTreeMap<&str, Vec<&Candidate>> = BTreeMap::new();
     for candidate in candidates {

@@ -1,4 +1,4 @@
-//! The map, logged once: surface, bounds, lane marks, stop lines, goal.
+//! The map, logged once: surface, bounds, lane markings, stop lines, goal.
 
 use rerun::Transform3D;
 
@@ -9,7 +9,7 @@ use crate::geometry::polyline::Polyline;
 use crate::map::{Cell, Lanelet};
 use crate::plot::outline::goal_outlines;
 
-/// The surface reaches this far beyond the action, m: whoever pans a little still sees road.
+/// Distance by which the surface extends beyond the action, m: a panned view still shows road.
 const SURFACE_MARGIN: f64 = 60.0;
 
 /// Logs the map and the goal.
@@ -41,7 +41,7 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
 /// The outlines of the occupied cells near the action, neighbours merged.
 fn log_occupied_cells(context: &Context) -> Result<(), RecordingError> {
     let Some(grid) = &context.run.scenario.occupancy else { return Ok(()) };
-    let region = context.action.grown(SURFACE_MARGIN);
+    let region = context.action.expanded(SURFACE_MARGIN);
     let blocks = grid.blocks(|cell| cell == Cell::Occupied);
     let near = blocks.iter().map(|b| grid.corners(b)).filter(|corners| region.shows(corners));
     let outlines = near.map(|corners| context.ring(&corners)).collect();
@@ -51,7 +51,7 @@ fn log_occupied_cells(context: &Context) -> Result<(), RecordingError> {
 /// The surface as an image: 2D views have no filled polygons.
 fn log_surface(context: &Context) -> Result<Surface, RecordingError> {
     let network = &context.run.scenario.network;
-    let region = context.action.grown(SURFACE_MARGIN);
+    let region = context.action.expanded(SURFACE_MARGIN);
     let surface = Surface::paint(network, &region);
     let corner = context.local(&surface.corner).unwrap_or_default();
     #[allow(clippy::cast_possible_truncation)] // decimetres

@@ -1,17 +1,16 @@
-//! What was decided, and the verdict, in words.
+//! The decisions and the verdict as text.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use rerun::{TextDocument, TextLog, TextLogLevel};
 
 use super::{Context, RecordingError};
 use crate::drive::Run;
-use crate::planner::{Cycle, Decision, Rejection};
+use crate::planner::{Candidate, Cycle, Decision, Rejection};
 use crate::verdict::Check;
 
-/// Two decelerations nearer than this are one decision, m/s².
-const SAME_DECELERATION: f64 = 0.05;
+/// A deceleration that exceeds the comfort limit by less than this still counts as comfortable, m/s².
+const COMFORT_TOLERANCE: f64 = 0.05;
 
 /// Logs the decisions and the verdict.
 pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
@@ -29,18 +28,15 @@ struct Line {
     text: String,
 }
 
-/// A line for each change of decision, for a contact or a break of the physics, and for the end.
+/// One line per change of decision, one for a contact or an invalid number in the physics, and one for the end.
 fn lines(run: &Run) -> Vec<Line> {
     let mut lines = Vec::new();
     let mut last = None;
     for cycle in &run.cycles {
-        let decision = summary(run, cycle);
-        if last != Some(decision) {
-            let by_choice = cycle.rejections(Rejection::BelowSwitchingThreshold) > 0;
-            let fine = by_choice || matches!(cycle.decision, Decision::NewPlan { .. });
-            let level = if fine { TextLogLevel::INFO } else { TextLogLevel::WARN };
-            lines.push(Line { time: cycle.time, level, text: describe(cycle, decision) });
-            last = Some(decision);
+        let kind = Kind::of(run, cycle);
+        if last != Some(kind) {
+            lines.push(Line { time: cycle.time, level: kind.level(), text: summary(cycle) });
+            last = Some(kind);
         }
     }
     let log = &run.log;
@@ -49,67 +45,101 @@ fn lines(run: &Run) -> Vec<Line> {
         lines.push(Line { time: contact.time, level: TextLogLevel::ERROR, text });
     }
     if let Some(time) = log.broke_at {
-        lines.push(Line { time, level: TextLogLevel::ERROR, text: "the physics broke: a number that is none".into() });
+        lines.push(Line { time, level: TextLogLevel::ERROR, text: "physics error: a number is not finite".into() });
     }
     if let Some(end) = log.samples.last() {
-        let verdict = if run.verdict.pass() { "pass" } else { "fail" };
+        let verdict = if run.verdict.pass() { "PASS" } else { "FAIL" };
         let level = if run.verdict.pass() { TextLogLevel::INFO } else { TextLogLevel::ERROR };
-        let text = format!("{}: {verdict}", ending(run));
+        let text = format!("{verdict}: {}", ending(run));
         lines.push(Line { time: end.time, level, text });
     }
     lines
 }
 
-/// How it ended, and why where that is known.
+/// The outcome, with its reason if known.
 fn ending(run: &Run) -> String {
     let reason = run.reason.map_or_else(String::new, |r| format!(" ({r})"));
     format!("{}{reason}", run.outcome.name()).replace('_', " ")
 }
 
-/// A decision without its numbers: what must change for a new line.
-fn summary(run: &Run, cycle: &Cycle) -> &'static str {
-    match &cycle.decision {
-        Decision::NewPlan { deceleration } => {
-            let comfortable = *deceleration <= run.vehicle.comfort.deceleration + SAME_DECELERATION;
-            if comfortable { "new plan" } else { "new plan, proven by hard braking" }
+/// A decision without its numbers. A line is logged when it changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    NewPlan { lane: Option<usize>, is_comfortable: bool },
+    KeepPrevious { below_threshold: bool },
+    Unproven,
+}
+
+impl Kind {
+    fn of(run: &Run, cycle: &Cycle) -> Self {
+        match cycle.decision {
+            Decision::NewPlan { deceleration } => Self::NewPlan {
+                lane: chosen(cycle).map(|c| c.lane),
+                is_comfortable: deceleration <= run.vehicle.comfort.deceleration + COMFORT_TOLERANCE,
+            },
+            Decision::KeepPrevious => Self::KeepPrevious { below_threshold: is_below_threshold(cycle) },
+            Decision::Unproven => Self::Unproven,
         }
-        Decision::KeepPrevious if cycle.rejections(Rejection::BelowSwitchingThreshold) > 0 => {
-            "last plan goes on to its stop"
+    }
+
+    fn level(self) -> &'static str {
+        match self {
+            Self::NewPlan { .. } | Self::KeepPrevious { below_threshold: true } => TextLogLevel::INFO,
+            Self::KeepPrevious { below_threshold: false } | Self::Unproven => TextLogLevel::WARN,
         }
-        Decision::KeepPrevious => "last plan goes on: no new one is proven",
-        Decision::Unproven => "emergency braking: no plan was ever proven",
     }
 }
 
-fn describe(cycle: &Cycle, decision: &str) -> String {
-    let mut text = decision.to_owned();
-    if let Decision::NewPlan { deceleration } = cycle.decision {
-        let plan = &cycle.committed;
-        let ahead = plan.profile.last().station - plan.at(cycle.time).station;
-        let _ = write!(text, ": stops in {ahead:.1} m, at {:.1} s, with {deceleration:.1} m/s²", plan.end_time());
-        if cycle.is_robust {
-            text += ", whatever the traffic does within its bounds";
+fn chosen(cycle: &Cycle) -> Option<&Candidate> {
+    cycle.chosen.and_then(|i| cycle.candidates.get(i))
+}
+
+/// Whether the previous plan is kept although another one is proven.
+fn is_below_threshold(cycle: &Cycle) -> bool {
+    cycle.rejections(Rejection::BelowSwitchingThreshold) > 0
+}
+
+/// The committed plan and the reason for it: decision, fallback stop, cost by terms, rejections.
+fn summary(cycle: &Cycle) -> String {
+    let plan = &cycle.committed;
+    let ahead = plan.profile.last().station - plan.at(cycle.time).station;
+    let stop = format!("fallback stop at {ahead:.1} m");
+    let mut text = match cycle.decision {
+        Decision::NewPlan { deceleration } => {
+            let lane = chosen(cycle).map_or_else(String::new, |c| format!(" on route lane {}", c.lane));
+            let robust = if cycle.is_robust { ", robust" } else { "" };
+            format!("new plan{lane}: {stop} with at most {deceleration:.1} m/s²{robust}")
         }
+        Decision::KeepPrevious if is_below_threshold(cycle) => {
+            format!("keep previous plan: the best candidate is below the switching threshold; {stop}")
+        }
+        Decision::KeepPrevious => format!("keep previous plan: no candidate has a proven stop; {stop}"),
+        Decision::Unproven => "unproven: no plan has had a proven stop yet; emergency braking".into(),
+    };
+    if let Some(candidate) = chosen(cycle) {
+        let _ = write!(text, "; cost {}", cost_by_terms(candidate));
     }
-    let rejected = rejections(cycle);
-    let total = cycle.candidates.len();
-    if total > 0 {
-        let _ = write!(text, "; {total} candidates");
+    if !cycle.candidates.is_empty() {
+        let _ = write!(text, "; {} candidates", cycle.candidates.len());
     }
+    let counts = Rejection::ALL.map(|reason| (reason, cycle.rejections(reason)));
+    let rejected = counts.iter().filter(|(_, count)| *count > 0).map(|(reason, count)| format!("{count} {reason}"));
+    let rejected: Vec<String> = rejected.collect();
     if !rejected.is_empty() {
-        let parts: Vec<String> = rejected.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
-        let _ = write!(text, ", rejected: {}", parts.join(", "));
+        let _ = write!(text, ", rejected: {}", rejected.join(", "));
     }
     text
 }
 
-/// How often each reason for a rejection was given.
-fn rejections(cycle: &Cycle) -> BTreeMap<&'static str, usize> {
-    let mut counts = BTreeMap::new();
-    for reason in cycle.candidates.iter().filter_map(|c| c.rejected) {
-        *counts.entry(reason.code()).or_insert(0) += 1;
-    }
-    counts
+/// The cost, and its terms in descending order.
+pub(super) fn cost_by_terms(candidate: &Candidate) -> String {
+    /// Smaller terms are omitted.
+    const SMALLEST: f64 = 0.05;
+    let mut terms: Vec<(&str, f64)> = candidate.terms.named().into_iter().filter(|(_, v)| *v >= SMALLEST).collect();
+    terms.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let terms: Vec<String> = terms.iter().map(|(name, value)| format!("{name} {value:.1}")).collect();
+    let equals = if terms.is_empty() { "" } else { " = " };
+    format!("{:.1}{equals}{}", candidate.cost, terms.join(" + "))
 }
 
 /// The verdict as Markdown.
@@ -118,17 +148,20 @@ fn document(run: &Run) -> String {
     let mut text =
         format!("### {}\n\n{} · problem {}\n\n", plain(&run.scenario.id), plain(&run.vehicle.name), run.problem.id);
     if run.verdict.checks.is_empty() {
-        let _ = writeln!(text, "**{outcome}** (one planning cycle, nothing driven)");
+        let _ = writeln!(text, "**{outcome}** (one planning cycle, not driven)");
         return text;
     }
-    let verdict = if run.verdict.pass() { "pass" } else { "fail" };
-    let _ = write!(text, "**{outcome} · {verdict}**\n\n| check | | value | limit | at |\n|---|---|---:|---:|---:|\n");
+    let verdict = if run.verdict.pass() { "PASS" } else { "FAIL" };
+    let _ = write!(
+        text,
+        "**{outcome} · {verdict}**\n\n| check | status | value | limit | at |\n|---|---|---:|---:|---:|\n"
+    );
     for check in &run.verdict.checks {
         text.push_str(&row(check));
     }
     let failures: Vec<&Check> = run.verdict.failures().collect();
     if !failures.is_empty() {
-        text.push_str("\n#### What failed\n\n");
+        text.push_str("\n#### Failed checks\n\n");
     }
     for check in failures {
         let _ = writeln!(text, "- **{}**: {}", check.name, plain(&check.note));
@@ -144,7 +177,7 @@ fn row(check: &Check) -> String {
     format!("| {name} | {mark} | {} | {} {} | {at} |\n", number(check.value), number(check.limit), check.unit)
 }
 
-/// Text from outside, without the signs that would mean something in Markdown.
+/// Escapes text from files, so that it has no meaning in Markdown.
 fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).fold(String::new(), |mut out, c| {
         if matches!(c, '|' | '*' | '_' | '`' | '[' | ']' | '<' | '>' | '#' | '\\') {
@@ -161,33 +194,29 @@ mod tests {
     use crate::plot::example::Example;
 
     #[test]
-    fn a_line_for_each_change_of_decision_and_for_the_end() {
+    fn logs_a_line_per_change_of_decision_and_one_for_the_end() {
         let example = Example::new();
         let run = example.run();
         let lines = lines(&run);
         let kinds: Vec<&str> = lines.iter().map(|l| l.text.split(':').next().unwrap()).collect();
-        // the example keeps its last plan in one cycle out of twenty
-        let expected = [
-            "new plan, proven by hard braking",
-            "last plan goes on",
-            "new plan, proven by hard braking",
-            "stopped safely",
-        ];
+        // the example keeps its previous plan in one cycle out of twenty
+        let expected = ["new plan on route lane 0", "keep previous plan", "new plan on route lane 0", "FAIL"];
         assert_eq!(kinds, expected);
-        assert!(
-            lines[0].text.contains("no_proof 1, blocked_at_start 1, curve_speed_infeasible 1"),
-            "{}",
-            lines[0].text
-        );
+        for part in
+            ["m with at most 3.5 m/s²; cost 0.0;", "rejected: 1 curve_speed_infeasible, 1 blocked_at_start, 1 no_proof"]
+        {
+            assert!(lines[0].text.contains(part), "{part} in {}", lines[0].text);
+        }
+        assert_eq!(lines[3].text, "FAIL: stopped safely");
     }
 
     #[test]
-    fn the_verdict_names_every_check_and_what_failed() {
+    fn the_verdict_lists_every_check_and_the_failed_ones() {
         let example = Example::new();
         let run = example.run();
         let text = document(&run);
         assert!(run.verdict.checks.iter().all(|c| text.contains(&c.name.replace('_', " "))), "{text}");
-        assert!(text.contains("stopped safely · fail") && text.contains("**FAIL**"));
-        assert!(text.contains("\\<all \\| any\\>"), "text from outside is escaped: {text}");
+        assert!(text.contains("stopped safely · FAIL") && text.contains("**FAIL**"));
+        assert!(text.contains("\\<all \\| any\\>"), "text from files is escaped: {text}");
     }
 }

@@ -1,4 +1,4 @@
-//! Obstacles and the vehicle: their shapes once, in their own frames, and their poses as columns.
+//! Obstacles and the vehicle: shapes once, in their body frames, and poses as columns.
 
 use rerun::{LineStrips2D, TimeColumn, Transform3D};
 
@@ -9,9 +9,9 @@ use crate::geometry::{Point, Pose};
 use crate::map::{Motion, Obstacle, ObstacleKind, TimedOccupancy};
 use crate::plot::outline::{Bounds, shape_outlines};
 
-/// An outline gone: a moment this long after an obstacle's last state it is no longer drawn, s.
+/// Time after an obstacle's last state at which it disappears, s.
 const AFTER: f64 = 1e-3;
-/// The frame of a shape that is given in world coordinates.
+/// The frame of a shape in world coordinates.
 const WORLD: Pose = Pose { position: Point::new(0.0, 0.0), yaw: 0.0 };
 
 /// Logs the obstacles and the vehicle.
@@ -37,8 +37,8 @@ fn colours(obstacle: &Obstacle) -> (Rgb, Rgb) {
     }
 }
 
-/// What a body looks like: lines that fill it, and its edges, about its middle. Files may give a shape far from the
-/// origin of its frame, in world coordinates even, where `f32` would lose it.
+/// Lines that fill a body, and its edges, about its middle. Files may give a shape far from the origin of its frame,
+/// even in world coordinates, where `f32` would lose precision.
 struct Body {
     middle: Point,
     fill: LineStrips2D,
@@ -66,13 +66,13 @@ impl Body {
     }
 }
 
-/// Points of a body's own frame.
+/// Points in a body frame.
 #[allow(clippy::cast_possible_truncation)] // metres about the frame's origin
 fn flat(points: &[Point]) -> Vec<[f32; 2]> {
     points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).map(|p| [p.x as f32, p.y as f32]).collect()
 }
 
-/// A closed line in a body's own frame.
+/// A closed line in a body frame.
 fn ring(points: &[Point]) -> Vec<[f32; 2]> {
     let mut line = flat(points);
     line.extend(line.first().copied());
@@ -87,11 +87,11 @@ fn log_static(context: &Context, entity: &str, obstacle: &Obstacle, pose: &Pose)
     context.log_static(&format!("{entity}/fill"), &body.fill)
 }
 
-/// A body that is there during its lifetime only, moved by its poses.
+/// A body that is visible during its lifetime and moves with its poses.
 fn log_moving(context: &Context, entity: &str, obstacle: &Obstacle) -> Result<(), RecordingError> {
-    let (born, gone) = obstacle.lifetime();
+    let (appears, disappears) = obstacle.lifetime();
     let (from, to) = context.motion.time_range();
-    let shown = (born.max(from), gone.min(to));
+    let shown = (appears.max(from), disappears.min(to));
     if shown.1 < shown.0 {
         return Ok(());
     }
@@ -105,21 +105,21 @@ fn log_moving(context: &Context, entity: &str, obstacle: &Obstacle) -> Result<()
     context.set_time(shown.0);
     context.log(entity, &body.edges)?;
     context.log(&format!("{entity}/fill"), &body.fill)?;
-    if gone < to {
-        clear(context, entity, gone + AFTER)?;
+    if disappears < to {
+        clear(context, entity, disappears + AFTER)?;
     }
     Ok(())
 }
 
-/// Draws nothing from `time` on.
+/// Clears an entity from `time` on.
 fn clear(context: &Context, entity: &str, time: f64) -> Result<(), RecordingError> {
     context.set_time(time);
-    let nothing = LineStrips2D::new(Vec::<Vec<[f32; 2]>>::new());
-    context.log(entity, &nothing)?;
-    context.log(&format!("{entity}/fill"), &nothing)
+    let empty = LineStrips2D::new(Vec::<Vec<[f32; 2]>>::new());
+    context.log(entity, &empty)?;
+    context.log(&format!("{entity}/fill"), &empty)
 }
 
-/// A set-based prediction: the hollow outline of each set while it holds.
+/// A set-based prediction: the hollow outline of each set during its interval.
 fn log_sets(
     context: &Context,
     entity: &str,
@@ -127,13 +127,13 @@ fn log_sets(
     sets: &[TimedOccupancy],
 ) -> Result<(), RecordingError> {
     let (from, to) = context.motion.time_range();
-    let seen = || sets.iter().filter(|set| set.from <= to && set.to >= from);
-    for set in seen() {
+    let visible = || sets.iter().filter(|set| set.from <= to && set.to >= from);
+    for set in visible() {
         context.set_time(set.from.max(from));
         let outlines = shape_outlines(&set.region, &WORLD).iter().map(|o| context.ring(o)).collect();
         context.log(entity, &strips(outlines, colours(obstacle).1, pixels(1.0), order::OBSTACLE_EDGES))?;
     }
-    match seen().next_back() {
+    match visible().next_back() {
         Some(set) if set.to < to => clear(context, entity, set.to + AFTER),
         _ => Ok(()),
     }
@@ -157,7 +157,7 @@ fn log_vehicle(context: &Context) -> Result<(), RecordingError> {
         order::EGO,
     );
     context.log_static("map/ego/fill", &fill)?;
-    // the frame of the view that follows the vehicle: moves with it, does not turn, and is not under the mirror
+    // the frame of the view that follows the vehicle: it translates without rotation and is not mirrored
     let (times, places): (Vec<f64>, Vec<[f32; 3]>) =
         samples.iter().filter_map(|(t, pose)| context.local(&pose.position).map(|[x, y]| (*t, [x, -y, 0.0]))).unzip();
     let moves = Transform3D::update_fields().with_many_translation(places);
@@ -190,9 +190,9 @@ fn send(context: &Context, entity: &str, times: Vec<f64>, data: Transform3D) -> 
     if times.is_empty() {
         return Ok(());
     }
-    let columns = data.columns_of_unit_batches().map_err(RecordingError::made)?;
+    let columns = data.columns_of_unit_batches().map_err(RecordingError::encoding)?;
     let times = TimeColumn::new_duration_secs(TIMELINE, times);
-    context.stream.send_columns(entity, [times], columns).map_err(RecordingError::made)
+    context.stream.send_columns(entity, [times], columns).map_err(RecordingError::encoding)
 }
 
 #[cfg(test)]
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shape_given_in_world_coordinates_keeps_its_centimetres() {
+    fn a_shape_in_world_coordinates_keeps_its_precision() {
         let near = Body::of(&polygon([(0.0, 0.0), (3.0, 0.25), (1.0, 2.125)], Pose::new(0.0, 0.0, 0.0)));
         let (x, y) = (691_000.0, 5_335_000.0);
         let corners = [(x, y), (x + 3.0, y + 0.25), (x + 1.0, y + 2.125)];

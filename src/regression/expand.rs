@@ -1,7 +1,8 @@
-//! From the entries of a suite to its drives: files by pattern, times vehicles, times settings, times seeds.
+//! Expands the entries of a suite to drives: scenarios × vehicles × settings × seeds.
 //!
-//! The order is that of the file; within an entry files are sorted, and what an entry lists keeps its order. Ids are
-//! made of what tells drives apart, so that they stay when entries come and go: baselines are kept under them.
+//! Drives keep the order of the file. Within an entry, scenarios are sorted and lists keep their order. The id of a drive
+//! depends on its own entry only, so that it stays the same when other entries are added, removed or moved: the baseline
+//! stores metrics by id.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -10,49 +11,51 @@ use std::sync::Arc;
 use serde::Deserialize as _;
 use toml::Spanned;
 
+use super::SuiteError;
+use super::pattern::FilePattern;
 use super::suite::{Bound, Entry, Expect, OneOrMore, SuiteFile, Tolerance, folder_of};
-use super::{SuiteError, glob};
 use crate::drive::Settings;
 use crate::io::settings_file;
 use crate::vehicle::{self, Vehicle};
 
-/// The vehicle that is driven where none is named.
+/// The vehicle of an entry that names none.
 const DEFAULT_VEHICLE: &str = "bmw_320i";
 
-/// Most drives of a suite: more is a matrix that got out of hand.
-const MOST_DRIVES: usize = 100_000;
+/// The largest number of drives of a suite: a larger one is a mistake in a matrix.
+const MAX_DRIVES: usize = 100_000;
 
-/// One drive of a suite, with everything that it needs but the scenario.
+/// A drive of a suite, with all its inputs except the content of the scenario.
 #[derive(Debug)]
 pub(super) struct Case {
     pub(super) id: String,
-    /// Line of its entry.
+    /// Line of its entry in the suite.
     pub(super) line: usize,
-    /// The scenario as the suite has it, and its file.
+    /// The scenario's path relative to the suite.
     pub(super) scenario_name: String,
+    /// The scenario's file.
     pub(super) scenario: PathBuf,
     pub(super) problem: Option<i64>,
-    /// As `--vehicle` takes it.
+    /// The value for `--vehicle`.
     pub(super) vehicle_name: String,
     pub(super) vehicle: Arc<Vehicle>,
     pub(super) config_file: Option<PathBuf>,
     pub(super) settings: Arc<Settings>,
-    /// Every setting, as TOML that `--config` takes.
+    /// All settings, as TOML for `--config`.
     pub(super) config: Arc<str>,
     pub(super) seed: u64,
     pub(super) repetitions: u32,
     pub(super) expected: Arc<Expected>,
 }
 
-/// What is expected of a drive.
+/// The expectations of a drive.
 #[derive(Debug, Default)]
 pub(super) struct Expected {
-    /// Outcomes that are right; if there are none, those that are a success in themselves.
+    /// Accepted outcomes; `goal_reached` and `stopped_safely` if empty.
     pub(super) outcomes: Vec<Expect>,
-    /// Checks that have to hold; all of them if not given.
+    /// Checks that have to apply and to pass; if not given, all checks that apply.
     pub(super) checks: Option<Vec<String>>,
-    /// Why it is known to fail.
-    pub(super) fail: Option<String>,
+    /// Why the drive is expected to fail, if it is.
+    pub(super) failure: Option<String>,
     pub(super) limits: BTreeMap<String, Bound>,
     pub(super) tolerances: BTreeMap<String, Tolerance>,
 }
@@ -77,12 +80,16 @@ pub(super) fn cases(file: &Path, text: &str, read: SuiteFile<toml::Table>) -> Re
     let mut lines: BTreeMap<&str, usize> = BTreeMap::new();
     for case in &expansion.cases {
         if let Some(before) = lines.insert(&case.id, case.line) {
-            let message = format!("the drive `{}` is there already, from line {before}: give one a `name`", case.id);
+            let message = format!("the drive `{}` exists already, from line {before}: give one a `name`", case.id);
             return Err(wrong(case.line, message));
         }
     }
     if expansion.cases.is_empty() {
-        return Err(SuiteError::Wrong { file: file.to_owned(), line: None, message: "it has no [[drive]]".into() });
+        return Err(SuiteError::Wrong {
+            file: file.to_owned(),
+            line: None,
+            message: "the suite has no [[drive]]".into(),
+        });
     }
     Ok(expansion.cases)
 }
@@ -102,14 +109,14 @@ impl<S> Default for Entry<S> {
             repetitions: None,
             expect: None,
             checks: None,
-            expected_fail: None,
+            expected_failure: None,
             limits: None,
             tolerances: None,
         }
     }
 }
 
-/// An entry with what it leaves to the defaults. Tables are laid over the defaults' key by key.
+/// The entry, with the defaults for missing keys. Tables are merged key by key.
 fn with_defaults(entry: Entry<toml::Table>, defaults: &Entry<toml::Table>) -> Entry<toml::Table> {
     fn both<V: Clone>(d: &Option<BTreeMap<String, V>>, e: Option<BTreeMap<String, V>>) -> Option<BTreeMap<String, V>> {
         let mut all = d.clone().unwrap_or_default();
@@ -117,7 +124,7 @@ fn with_defaults(entry: Entry<toml::Table>, defaults: &Entry<toml::Table>) -> En
         Some(all)
     }
     let mut settings = defaults.settings.clone().unwrap_or_default();
-    lay_over(&mut settings, entry.settings.unwrap_or_default());
+    merge(&mut settings, entry.settings.unwrap_or_default());
     Entry {
         name: entry.name,
         scenarios: entry.scenarios,
@@ -131,19 +138,19 @@ fn with_defaults(entry: Entry<toml::Table>, defaults: &Entry<toml::Table>) -> En
         repetitions: entry.repetitions.or(defaults.repetitions),
         expect: entry.expect.or_else(|| defaults.expect.clone()),
         checks: entry.checks.or_else(|| defaults.checks.clone()),
-        expected_fail: entry.expected_fail.or_else(|| defaults.expected_fail.clone()),
+        expected_failure: entry.expected_failure.or_else(|| defaults.expected_failure.clone()),
         limits: both(&defaults.limits, entry.limits),
         tolerances: both(&defaults.tolerances, entry.tolerances),
     }
 }
 
-/// Puts what `upper` says into `lower`, table by table.
-fn lay_over(lower: &mut toml::Table, upper: toml::Table) {
-    for (key, value) in upper {
-        match (lower.get_mut(&key), value) {
-            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => lay_over(below, above),
+/// Merges `overrides` into `table`, recursively.
+fn merge(table: &mut toml::Table, overrides: toml::Table) {
+    for (key, value) in overrides {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(table)), toml::Value::Table(overrides)) => merge(table, overrides),
             (_, value) => {
-                lower.insert(key, value);
+                table.insert(key, value);
             }
         }
     }
@@ -151,7 +158,7 @@ fn lay_over(lower: &mut toml::Table, upper: toml::Table) {
 
 struct Expansion<'a> {
     folder: &'a Path,
-    /// Vehicles read, by what names them.
+    /// Vehicles already read, by their value for `--vehicle`.
     vehicles: BTreeMap<String, Arc<Vehicle>>,
     cases: Vec<Case>,
 }
@@ -163,13 +170,13 @@ impl Expansion<'_> {
         let vehicles = &entry.vehicle.as_ref().unwrap_or(&default_vehicle).0;
         let variants = seeded(self.variants(entry)?, entry.seeds.as_deref())?;
         let count = scenarios.len().saturating_mul(vehicles.len() * variants.len());
-        if self.cases.len().saturating_add(count) > MOST_DRIVES {
-            return Err(format!("{count} drives more are too many, expected {MOST_DRIVES} in a suite at most"));
+        if self.cases.len().saturating_add(count) > MAX_DRIVES {
+            return Err(format!("this entry has {count} drives; a suite can have {MAX_DRIVES} at most"));
         }
         let expected = Arc::new(Expected {
             outcomes: entry.expect.clone().map_or_else(Vec::new, |e| e.0),
             checks: entry.checks.clone(),
-            fail: entry.expected_fail.clone(),
+            failure: entry.expected_failure.clone(),
             limits: entry.limits.clone().unwrap_or_default(),
             tolerances: entry.tolerances.clone().unwrap_or_default(),
         });
@@ -178,7 +185,7 @@ impl Expansion<'_> {
                 let (vehicle_name, vehicle) = self.vehicle(name)?;
                 for variant in &variants {
                     self.cases.push(Case {
-                        id: id(entry, scenario, name, &variant.told),
+                        id: id(entry, scenario, name, &variant.labels),
                         line,
                         scenario_name: scenario.clone(),
                         scenario: self.folder.join(scenario),
@@ -198,13 +205,14 @@ impl Expansion<'_> {
         Ok(())
     }
 
-    /// Files of the entry. A pattern that matches none is an error: a suite that checks nothing must not pass.
+    /// The scenarios of the entry. A pattern without a match is an error: a suite without drives must not pass.
     fn scenarios(&self, entry: &Entry<toml::Table>) -> Result<Vec<String>, String> {
         let patterns = entry.scenarios.as_ref().ok_or("a [[drive]] needs `scenarios`: a file, a pattern, or a list")?;
         let mut files = BTreeSet::new();
         for pattern in &patterns.0 {
             let folder = self.folder.display();
-            let found = glob::files(self.folder, pattern).map_err(|e| format!("`{pattern}` in {folder}: {e}"))?;
+            let files_of = FilePattern::new(pattern).map_err(|e| format!("`{pattern}`: {e}"))?;
+            let found = files_of.files(self.folder).map_err(|e| format!("`{pattern}` in {folder}: {e}"))?;
             if found.is_empty() {
                 return Err(format!("`{pattern}` matches no file in {folder}"));
             }
@@ -212,7 +220,8 @@ impl Expansion<'_> {
         }
         for pattern in entry.exclude.iter().flat_map(|e| &e.0) {
             let before = files.len();
-            files.retain(|file| !glob::matches(pattern, file));
+            let excluded = FilePattern::new(pattern).map_err(|e| format!("`exclude`: `{pattern}`: {e}"))?;
+            files.retain(|file| !excluded.matches(file));
             if files.len() == before {
                 return Err(format!("`exclude`: `{pattern}` matches none of the scenarios"));
             }
@@ -223,23 +232,23 @@ impl Expansion<'_> {
         Ok(files.into_iter().collect())
     }
 
-    /// A vehicle and what `--vehicle` would call it. A name that is not built in is a folder relative to the suite.
+    /// A vehicle with its value for `--vehicle`. A name that is not built in is a folder relative to the suite.
     fn vehicle(&mut self, name: &str) -> Result<(String, Arc<Vehicle>), String> {
         let is_builtin = vehicle::builtin_names().contains(&name);
-        let called = if is_builtin { name.to_owned() } else { self.folder.join(name).to_string_lossy().into_owned() };
-        if let Some(vehicle) = self.vehicles.get(&called) {
-            return Ok((called, Arc::clone(vehicle)));
+        let argument = if is_builtin { name.to_owned() } else { self.folder.join(name).to_string_lossy().into_owned() };
+        if let Some(vehicle) = self.vehicles.get(&argument) {
+            return Ok((argument, Arc::clone(vehicle)));
         }
-        let vehicle = vehicle::load(&called).map_err(|e| {
+        let vehicle = vehicle::load(&argument).map_err(|e| {
             let near = settings_file::nearest(name, vehicle::builtin_names().iter().copied());
             near.map_or_else(|| e.to_string(), |near| format!("{e}\ndid you mean `{near}`?"))
         })?;
         let vehicle = Arc::new(vehicle);
-        self.vehicles.insert(called.clone(), Arc::clone(&vehicle));
-        Ok((called, vehicle))
+        self.vehicles.insert(argument.clone(), Arc::clone(&vehicle));
+        Ok((argument, vehicle))
     }
 
-    /// The settings of an entry: file, then inline table, then each combination of the matrix.
+    /// The settings of an entry. The file has the lowest priority, then come the inline table and the matrix.
     fn variants(&self, entry: &Entry<toml::Table>) -> Result<Vec<Variant>, String> {
         let mut base = toml::Table::new();
         if let Some(config) = &entry.config {
@@ -248,14 +257,14 @@ impl Expansion<'_> {
             settings_file::parse::<Settings>(&file, &text).map_err(|e| e.to_string())?;
             base = settings_file::parse(&file, &text).map_err(|e| e.to_string())?;
         }
-        lay_over(&mut base, entry.settings.clone().unwrap_or_default());
+        merge(&mut base, entry.settings.clone().unwrap_or_default());
         let mut combinations: Vec<Vec<(&str, &toml::Value)>> = vec![Vec::new()];
         for (key, values) in entry.matrix.iter().flatten() {
             if values.is_empty() {
                 return Err(format!("`matrix`: `{key}` has no values"));
             }
-            if combinations.len().saturating_mul(values.len()) > MOST_DRIVES {
-                return Err(format!("`matrix` has more than {MOST_DRIVES} combinations"));
+            if combinations.len().saturating_mul(values.len()) > MAX_DRIVES {
+                return Err(format!("`matrix` has more than {MAX_DRIVES} combinations"));
             }
             let extended =
                 |c: &Vec<_>| values.iter().map(move |v| [c.clone(), vec![(key.as_str(), v)]].concat()).collect();
@@ -267,8 +276,8 @@ impl Expansion<'_> {
 
 /// One combination of settings.
 struct Variant {
-    /// What of the matrix it has, for the id.
-    told: Vec<String>,
+    /// `key=value` of the matrix and the seed, for the id.
+    labels: Vec<String>,
     settings: Arc<Settings>,
     config: Arc<str>,
 }
@@ -276,33 +285,31 @@ struct Variant {
 impl Variant {
     fn new(base: &toml::Table, combination: &[(&str, &toml::Value)]) -> Result<Self, String> {
         let mut table = base.clone();
-        let mut told = Vec::new();
+        let mut labels = Vec::new();
         for (path, value) in combination {
             let mut nested = (*value).clone();
             for key in path.rsplit('.') {
                 nested = toml::Value::Table(std::iter::once((key.to_owned(), nested)).collect());
             }
-            if let toml::Value::Table(upper) = nested {
-                lay_over(&mut table, upper);
+            if let toml::Value::Table(overrides) = nested {
+                merge(&mut table, overrides);
             }
-            told.push(format!("{path}={}", value.to_string().trim_matches('"')));
+            labels.push(format!("{path}={}", value.to_string().trim_matches('"')));
         }
-        let context = if told.is_empty() { "`settings`".into() } else { format!("`matrix` {}", told.join(", ")) };
+        let context = if labels.is_empty() { "`settings`".into() } else { format!("`matrix` {}", labels.join(", ")) };
         let settings =
             Settings::deserialize(table).map_err(|e| format!("{context}: {}", settings_file::with_suggestion(&e)))?;
         settings.validate().map_err(|e| format!("{context}: {e}"))?;
-        Self::told(told, settings)
+        Self::with_labels(labels, settings)
+    }
+
+    fn with_labels(labels: Vec<String>, settings: Settings) -> Result<Self, String> {
+        let config = toml::to_string(&settings).map_err(|e| format!("settings cannot be written as TOML: {e}"))?;
+        Ok(Self { labels, settings: Arc::new(settings), config: config.into() })
     }
 }
 
-impl Variant {
-    fn told(told: Vec<String>, settings: Settings) -> Result<Self, String> {
-        let config = toml::to_string(&settings).map_err(|e| format!("settings that cannot be told as TOML: {e}"))?;
-        Ok(Self { told, settings: Arc::new(settings), config: config.into() })
-    }
-}
-
-/// Each variant with each seed of what is random. The id has it where there are several.
+/// Each variant with each random seed. The id contains the seed if there are several.
 fn seeded(variants: Vec<Variant>, seeds: Option<&[u64]>) -> Result<Vec<Variant>, String> {
     let Some(seeds) = seeds else { return Ok(variants) };
     if seeds.is_empty() {
@@ -311,16 +318,16 @@ fn seeded(variants: Vec<Variant>, seeds: Option<&[u64]>) -> Result<Vec<Variant>,
     let with = |variant: &Variant, seed: u64| {
         let mut settings = (*variant.settings).clone();
         settings.faults.seed = seed;
-        let told = (seeds.len() > 1).then(|| format!("seed={seed}"));
-        Variant::told(variant.told.iter().cloned().chain(told).collect(), settings)
+        let label = (seeds.len() > 1).then(|| format!("seed={seed}"));
+        Variant::with_labels(variant.labels.iter().cloned().chain(label).collect(), settings)
     };
     variants.iter().flat_map(|variant| seeds.iter().map(move |seed| with(variant, *seed))).collect()
 }
 
-/// `name:scenario#problem@vehicle,key=value,…`, of which name, problem, keys are there only where the entry has them.
-fn id(entry: &Entry<toml::Table>, scenario: &str, vehicle: &str, told: &[String]) -> String {
+/// `name:scenario#problem@vehicle,key=value,…`. Name, problem and keys are left out if the entry does not give them.
+fn id(entry: &Entry<toml::Table>, scenario: &str, vehicle: &str, labels: &[String]) -> String {
     let name = entry.name.as_ref().map_or_else(String::new, |n| format!("{n}:"));
     let problem = entry.problem.map_or_else(String::new, |p| format!("#{p}"));
-    let told: String = told.iter().map(|t| format!(",{t}")).collect();
-    format!("{name}{scenario}{problem}@{vehicle}{told}")
+    let labels: String = labels.iter().map(|label| format!(",{label}")).collect();
+    format!("{name}{scenario}{problem}@{vehicle}{labels}")
 }

@@ -1,11 +1,11 @@
-//! Regression suites: many drives, what is expected of each, and reports that CI systems read.
+//! Regression suites: many drives with expectations, and reports for CI systems.
 //!
-//! A [`Suite`] is a TOML file (`suite` has the reader, `docs/suites.md` the format). [`Suite::run`] drives it on all
-//! cores and compares every drive with its expected outcome, its checks, limits on its figures, and a baseline kept
-//! from earlier runs with a tolerance per figure. The [`Summary`] is the same for every number of jobs, and so are the
-//! bytes of every [`report`]: wall-clock times are in none.
+//! A [`Suite`] is a TOML file (format: `docs/suites.md`). [`Suite::run`] runs its drives on all cores and compares each drive
+//! with its expected outcome, its checks, limits on its metrics, and a baseline of an earlier run with a tolerance per
+//! metric. The [`Summary`] and the bytes of every [`report`] do not depend on the number of jobs; no report contains
+//! wall-clock times.
 //!
-//! From a test of another project, which fails with a list of what is wrong, drive by drive:
+//! A test of another project fails with a list of all failed drives and their reasons:
 //!
 //! ```no_run
 //! use stopline::regression::{Options, Suite};
@@ -18,13 +18,13 @@
 //! }
 //! ```
 //!
-//! Weak where: the whole suite is expanded before it starts, and its results stay in memory until the reports are
-//! written (some 10 kB a drive); a baseline is compared figure by figure, each for itself.
+//! Limitations: the suite is expanded before it starts, and all results stay in memory until the reports are written
+//! (about 10 kB per drive). The baseline is compared metric by metric.
 
 mod baseline;
 mod compare;
 mod expand;
-mod glob;
+mod pattern;
 mod replay;
 pub mod report;
 mod run;
@@ -36,18 +36,18 @@ use std::path::PathBuf;
 
 pub use compare::{Failure, FailureKind};
 pub use replay::{Replay, ReplayError};
-pub use run::{Options, Progress, Shard};
+pub use run::{Options, Progress, Shard, shell_command};
 pub use suite::Suite;
 pub use summary::{DriveError, DriveReport, ErrorKind, Status, SuiteFailed, Summary};
 
 use crate::io::files::{InputError, WriteError};
 use crate::io::settings_file::TomlError;
 
-/// Why a suite could not be run.
+/// Why a suite could not run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SuiteError {
-    /// The suite is not TOML, or has keys or values that are not expected.
+    /// The suite is not TOML, or has unknown keys or invalid values.
     #[error(transparent)]
     Toml(#[from] TomlError),
     /// A file cannot be read.
@@ -56,14 +56,14 @@ pub enum SuiteError {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// What the suite says cannot be done.
+    /// An entry of the suite is invalid.
     #[error("{}{}: {message}", file.display(), line.map_or_else(String::new, |line| format!(":{line}")))]
     Wrong {
         /// The suite.
         file: PathBuf,
-        /// Where its entry begins.
+        /// The line where the entry begins.
         line: Option<usize>,
-        /// What is wrong.
+        /// The reason.
         message: String,
     },
     /// The baseline cannot be used.
@@ -71,7 +71,7 @@ pub enum SuiteError {
     Baseline {
         /// The baseline.
         file: PathBuf,
-        /// What is wrong.
+        /// The reason.
         message: String,
     },
     /// The state of an interrupted run cannot be used.
@@ -79,15 +79,15 @@ pub enum SuiteError {
     State {
         /// The state file.
         file: PathBuf,
-        /// What is wrong.
+        /// The reason.
         message: String,
     },
-    /// The program's own fault.
+    /// A fault of the program.
     #[error("{0}")]
     Fault(String),
 }
 
-/// The code of the docs compiles.
+/// Compiles the code in the docs.
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/suites.md")]
 struct Docs;

@@ -1,4 +1,4 @@
-//! A drive of a suite once more, to look at it, and to see whether it comes to the same.
+//! Replays one drive of a suite, to look at it and to verify that its result is reproducible.
 
 use std::path::Path;
 
@@ -9,111 +9,142 @@ use super::run::{command, key};
 use super::{DriveError, Suite, report};
 use crate::drive::{Run, Settings};
 use crate::io::files;
-use crate::io::settings_file;
+use crate::io::settings_file::{self, nearest};
 use crate::result::RunResult;
 
-/// Largest report that is read, bytes.
+/// Largest report, bytes.
 const MAX_BYTES: u64 = 1 << 30;
+
+/// The largest number of suggestions for an unknown id.
+const MAX_SUGGESTIONS: usize = 3;
 
 /// Why a drive cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
     /// The suite has no such drive.
-    #[error("no drive `{id}`{}", near.as_ref().map_or_else(String::new, |near| format!(": did you mean `{near}`?")))]
+    #[error("no drive `{id}`{}", suggested(suggestions))]
     Unknown {
-        /// What was asked for.
+        /// The unknown id.
         id: String,
-        /// The nearest.
-        near: Option<String>,
+        /// Ids that may be meant.
+        suggestions: Vec<String>,
     },
-    /// The report is not one, or does not have the drive.
+    /// The report is invalid or does not contain the drive.
     #[error("{message}")]
     Report {
-        /// What is wrong, with the file.
+        /// The reason, with the file.
         message: String,
     },
-    /// The drive cannot be made.
+    /// The drive could not run.
     #[error(transparent)]
     Drive(#[from] DriveError),
 }
 
-/// A drive to be replayed.
+fn suggested(ids: &[String]) -> String {
+    let quoted: Vec<String> = ids.iter().map(|id| format!("`{id}`")).collect();
+    if quoted.is_empty() { String::new() } else { format!("; did you mean {}?", quoted.join(" or ")) }
+}
+
+/// A drive to replay.
 #[derive(Debug)]
 pub struct Replay<'a> {
     case: &'a Case,
     settings: Option<(Settings, String)>,
-    /// What the report says: hash of the inputs, hash of the drive.
-    reported: Option<(String, String)>,
+    reported: Option<Reported>,
+}
+
+/// The hashes in a report.
+#[derive(Debug)]
+struct Reported {
+    inputs: String,
+    result: String,
 }
 
 impl Suite {
-    /// The drive with that id, as the suite has it.
+    /// The drive with that id, with the settings of the suite.
     ///
     /// # Errors
-    /// There is none.
+    /// The suite has no such drive.
     pub fn replay(&self, id: &str) -> Result<Replay<'_>, ReplayError> {
-        let case = self.cases.iter().find(|c| c.id == id);
-        let near = || settings_file::nearest(id, self.ids()).map(str::to_owned);
-        let case = case.ok_or_else(|| ReplayError::Unknown { id: id.to_owned(), near: near() })?;
-        Ok(Replay { case, settings: None, reported: None })
+        Replay::find(std::slice::from_ref(self), id)
     }
 }
 
-impl Replay<'_> {
-    /// With the settings that a JSON report has for it, and to be compared with what the report says.
+/// Ids that may be meant: the nearest one, or those that contain the text.
+fn suggestions(text: &str, ids: &[&str]) -> Vec<String> {
+    if let Some(near) = nearest(text, ids.iter().copied()) {
+        return vec![near.to_owned()];
+    }
+    let containing = ids.iter().filter(|id| !text.is_empty() && id.contains(text));
+    containing.take(MAX_SUGGESTIONS).map(|id| (*id).to_owned()).collect()
+}
+
+impl<'a> Replay<'a> {
+    /// The first drive with that id in any of the suites, with the settings of its suite.
     ///
     /// # Errors
-    /// The file is no such report, or does not have the drive.
+    /// No suite has such a drive.
+    pub fn find(suites: &'a [Suite], id: &str) -> Result<Self, ReplayError> {
+        let case = suites.iter().flat_map(|suite| &suite.cases).find(|case| case.id == id);
+        let suggestions = || suggestions(id, &suites.iter().flat_map(Suite::ids).collect::<Vec<_>>());
+        let case = case.ok_or_else(|| ReplayError::Unknown { id: id.to_owned(), suggestions: suggestions() })?;
+        Ok(Self { case, settings: None, reported: None })
+    }
+
+    /// Takes the settings of the drive from a JSON report, to compare the result with that of the report.
+    ///
+    /// # Errors
+    /// The file is not a report or does not contain the drive.
     pub fn as_reported(mut self, file: &Path) -> Result<Self, ReplayError> {
         let wrong =
             |message: &dyn std::fmt::Display| ReplayError::Report { message: format!("{}: {message}", file.display()) };
         let bytes = files::read(file, MAX_BYTES).map_err(|e| ReplayError::Report { message: e.to_string() })?;
-        let told: Value = serde_json::from_slice(&bytes).map_err(|e| wrong(&e))?;
-        if told["format"] != report::FORMAT {
-            return Err(wrong(&format_args!("not a report of `stopline check --json`")));
+        let report: Value = serde_json::from_slice(&bytes).map_err(|e| wrong(&e))?;
+        if report["format"] != report::FORMAT {
+            return Err(wrong(&format_args!("not a report of `stopline check --json` ({})", report::FORMAT)));
         }
-        let drives = told["suites"].as_array().into_iter().flatten().filter_map(|s| s["drives"].as_array()).flatten();
+        let drives = report["suites"].as_array().into_iter().flatten().filter_map(|s| s["drives"].as_array()).flatten();
         let mut drives = drives.filter(|d| d["id"] == self.case.id.as_str());
         let drive = drives.next().ok_or_else(|| wrong(&format_args!("has no drive `{}`", self.case.id)))?;
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-        let config = text(&told["configs"][drive["config"].as_str().unwrap_or_default()]);
+        let config = text(&report["configs"][drive["config"].as_str().unwrap_or_default()]);
         let settings: Settings = settings_file::parse(file, &config).map_err(|e| wrong(&e))?;
         settings.validate().map_err(|e| wrong(&e))?;
-        self.reported = Some((text(&drive["inputs"]), text(&drive["result"]["hash"])));
+        self.reported = Some(Reported { inputs: text(&drive["inputs"]), result: text(&drive["result"]["hash"]) });
         self.settings = Some((settings, config));
         Ok(self)
     }
 
-    /// Every setting, as TOML that `--config` takes.
+    /// All settings, as TOML for `--config`.
     #[must_use]
     pub fn config(&self) -> &str {
         self.settings.as_ref().map_or(&self.case.config, |(_, config)| config)
     }
 
-    /// The command that makes this drive, its settings in a file of that name.
+    /// The `stopline drive` command of this drive, with its settings in the file `config`.
     #[must_use]
     pub fn command(&self, config: &Path) -> String {
         let case = self.case;
         command(&case.scenario, &case.vehicle_name, case.problem, config, case.seed)
     }
 
-    /// The hash that the report has, if it has one.
+    /// The hash in the report, if it has one.
     #[must_use]
     pub fn reported_hash(&self) -> Option<&str> {
-        self.reported.as_ref().map(|(_, hash)| hash.as_str()).filter(|hash| !hash.is_empty())
+        self.reported.as_ref().map(|reported| reported.result.as_str()).filter(|hash| !hash.is_empty())
     }
 
-    /// Whether program version, scenario, vehicle, settings and seed are those of the report; true without a report.
+    /// Whether program version, scenario, vehicle, settings and seed equal those of the report; true without a report.
     ///
     /// # Errors
     /// The scenario cannot be read.
     pub fn has_reported_inputs(&self) -> Result<bool, ReplayError> {
-        let now = key(self.case, self.config())?;
-        Ok(self.reported.as_ref().is_none_or(|(inputs, _)| *inputs == now))
+        let inputs = key(self.case, self.config())?;
+        Ok(self.reported.as_ref().is_none_or(|reported| reported.inputs == inputs))
     }
 
-    /// Drives it and shows the run.
+    /// Drives and passes the run to `show`.
     ///
     /// # Errors
     /// The scenario cannot be read.

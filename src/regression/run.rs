@@ -1,16 +1,15 @@
-//! Driving the drives of a suite, side by side, with the same result for any number of jobs.
+//! Runs the drives of a suite in parallel, with the same result for every number of jobs.
 //!
-//! Each worker is a thread pool of its own: a planner that searches as many paths side by side as its pool has threads
-//! throws some of that work away, which costs nothing only while other cores idle. So every drive gets one thread as
-//! long as there are more drives than jobs. Workers take the next drive from a counter; what they found is put back in
-//! the suite's order.
+//! Every worker has its own thread pool. The planner searches as many paths in parallel as its pool has threads and discards
+//! a part of this work, which is free only while other cores are idle. So every drive gets one thread as long as there are
+//! more drives than jobs. Workers take the next drive from a counter; results are returned in the order of the suite.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
 use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
@@ -27,25 +26,33 @@ use crate::map::{PlanningProblem, Scenario};
 use crate::plot::run_svg;
 use crate::result::{Kind, RunResult};
 
-/// Largest scenario, bytes: as its reader has it.
+/// Largest scenario, bytes; the same limit as in its reader.
 const MAX_SCENARIO_BYTES: u64 = 256 << 20;
 
-/// How a suite is run.
+/// How to run a suite.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Drives side by side; as many as there are cores if not given.
+    /// The number of parallel drives; the number of cores if not given.
     pub jobs: Option<NonZeroUsize>,
-    /// The part of the suite to drive; all of it if not given.
+    /// The part of the suite to run; all of it if not given.
     pub shard: Option<Shard>,
-    /// A file that keeps what is finished, so that an interrupted run goes on.
+    /// A file that stores finished drives, so that an interrupted run can be resumed.
     pub resume: Option<PathBuf>,
-    /// Whether to keep what is found as the new baseline.
-    pub bless: bool,
-    /// Pictures of failed drives to draw at most, the first ones of the suite.
+    /// Whether to store the results as the new baseline.
+    pub update_baseline: bool,
+    /// The largest number of failed drives to draw, in the order of the suite.
     pub pictures: usize,
+    /// A flag that cancels the run: no further drive starts, running drives are finished, the baseline is not updated.
+    pub cancel: Option<Arc<AtomicBool>>,
 }
 
-/// Part `index` of `count`, counted from 1: every `count`-th drive.
+impl Options {
+    fn is_cancelled(&self) -> bool {
+        self.cancel.as_ref().is_some_and(|cancel| cancel.load(Ordering::Relaxed))
+    }
+}
+
+/// Part `index` of `count` parts, counted from 1: every `count`-th drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -53,7 +60,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Part `index` of `count`; none unless 1 ≤ index ≤ count.
+    /// Part `index` of `count` parts; none unless 1 ≤ index ≤ count.
     #[must_use]
     pub fn new(index: usize, count: usize) -> Option<Self> {
         (1..=count).contains(&index).then_some(Self { index, count })
@@ -78,10 +85,10 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// What a drive came to.
+/// The result of a drive.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Measured {
-    /// In the format `stopline.drive/2`, without times of the wall clock.
+    /// The result in the format `stopline.drive/2`, without wall-clock times.
     pub(super) result: Map<String, Value>,
     /// The hash of each repetition.
     pub(super) hashes: Vec<String>,
@@ -101,91 +108,89 @@ impl Measured {
     }
 }
 
-/// A finished drive, and how many there will be.
+/// Progress of a run, after each finished drive.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress<'a> {
-    /// Drives finished.
+    /// The number of finished drives.
     pub finished: usize,
-    /// Drives in all.
+    /// The number of all drives.
     pub total: usize,
-    /// The one finished last.
+    /// The id of the drive that finished last.
     pub id: &'a str,
 }
 
 impl Suite {
-    /// Drives the suite and compares. What drives come to, failed or broken, is in the summary.
+    /// Runs the drives and compares them with their expectations. The summary contains failed drives and drives that
+    /// could not run; they are not errors.
     ///
     /// # Errors
-    /// The baseline cannot be read or written, or the state file cannot.
+    /// The baseline or the state file cannot be read or written.
     pub fn run(&self, options: &Options) -> Result<Summary, SuiteError> {
         self.run_watched(options, &|_| {})
     }
 
-    /// As [`Suite::run`]; `watch` hears of every finished drive, from any thread.
+    /// Runs the suite as [`Suite::run`] does and calls `watch` after each finished drive, from any thread.
     ///
     /// # Errors
-    /// As [`Suite::run`].
+    /// See [`Suite::run`].
     pub fn run_watched(&self, options: &Options, watch: &(dyn Fn(Progress) + Sync)) -> Result<Summary, SuiteError> {
         let began = std::time::Instant::now();
-        let mut baseline = self.baseline(options.bless)?;
+        if options.update_baseline && self.baseline_file.is_none() {
+            let message = "`--update-baseline` needs a `baseline` in the suite".into();
+            return Err(SuiteError::Wrong { file: self.file.clone(), line: None, message });
+        }
+        let mut baseline = self.baseline(options.update_baseline)?;
         let state = options.resume.as_deref().map(State::open).transpose()?;
         let selected: Vec<&Case> = (self.cases.iter().enumerate())
             .filter(|(i, _)| options.shard.is_none_or(|shard| shard.has(*i)))
             .map(|(_, case)| case)
             .collect();
         let jobs = options.jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get);
-        let finished = AtomicUsize::new(0);
-        let driven = side_by_side(jobs, &selected, |case| {
-            let found = drive_or_recall(case, state.as_ref());
-            let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
+        let count = AtomicUsize::new(0);
+        let driven = in_parallel(jobs, &selected, options, |case| {
+            let Some(driven) = drive_or_recall(case, state.as_ref(), options)? else { return Ok(None) };
+            let finished = count.fetch_add(1, Ordering::Relaxed) + 1;
             watch(Progress { finished, total: selected.len(), id: &case.id });
-            found
+            Ok(Some((*case, driven)))
         })?;
-        let is_kept = |id: &String| self.cases.iter().any(|c| c.id == *id && !c.expected.tolerances.is_empty());
-        let stale: Vec<String> = baseline.drives.keys().filter(|id| !is_kept(id)).cloned().collect();
-        if options.bless {
-            self.bless(&mut baseline, &selected, &driven, &stale)?;
+        let not_driven = selected.len() - driven.len();
+        let has_baseline = |id: &String| self.cases.iter().any(|c| c.id == *id && !c.expected.tolerances.is_empty());
+        let mut stale: Vec<String> = baseline.drives.keys().filter(|id| !has_baseline(id)).cloned().collect();
+        if options.update_baseline && not_driven == 0 {
+            self.update(&mut baseline, &driven, &stale)?;
+            stale.clear();
         }
         let mut drives: Vec<DriveReport> =
-            selected.iter().zip(driven).map(|(case, found)| self.report(case, found, &baseline)).collect();
-        self.draw(&mut drives, options.pictures, jobs)?;
+            driven.into_iter().map(|(case, driven)| self.report(case, driven, &baseline)).collect();
+        self.draw(&mut drives, jobs, options)?;
         Ok(Summary {
             name: self.name.clone(),
             file: self.file.clone(),
             shard: options.shard,
             drives,
-            stale_in_baseline: if options.bless { Vec::new() } else { stale },
+            not_driven,
+            stale_in_baseline: stale,
             seconds: began.elapsed().as_secs_f64(),
         })
     }
 
-    /// Keeps what was found. Drives that broke keep what they had, drives that are gone go.
-    fn bless(
-        &self,
-        baseline: &mut Baseline,
-        selected: &[&Case],
-        driven: &[Found],
-        stale: &[String],
-    ) -> Result<(), SuiteError> {
-        let Some(file) = &self.baseline_file else {
-            let message = "`--bless` needs a `baseline` in the suite".into();
-            return Err(SuiteError::Wrong { file: self.file.clone(), line: None, message });
-        };
+    /// Stores the results in the baseline. Drives that could not run keep their entry; stale entries are removed.
+    fn update(&self, baseline: &mut Baseline, driven: &[(&Case, Driven)], stale: &[String]) -> Result<(), SuiteError> {
         let mut drives = std::mem::take(&mut baseline.drives);
-        stale.iter().for_each(|id| drop(drives.remove(id)));
-        for (case, found) in selected.iter().zip(driven) {
-            if let (Ok(measured), false) = (&found.measured, case.expected.tolerances.is_empty()) {
-                drives.insert(case.id.clone(), compare::kept(case, measured));
+        drives.retain(|id, _| !stale.contains(id));
+        for (case, driven) in driven {
+            if let (Ok(measured), false) = (&driven.measured, case.expected.tolerances.is_empty()) {
+                drives.insert(case.id.clone(), compare::baseline_of(case, measured));
             }
         }
         *baseline = Baseline::new(drives);
-        baseline.write(file)
+        self.baseline_file.as_deref().map_or(Ok(()), |file| baseline.write(file))
     }
 
-    fn report(&self, case: &Case, found: Found, baseline: &Baseline) -> DriveReport {
-        let kept = self.baseline_file.as_ref().map(|_| baseline.drives.get(&case.id));
-        let (failures, error, measured) = match found.measured {
-            Ok(measured) => (compare::failures(case, &measured, kept), None, Some(measured)),
+    fn report(&self, case: &Case, driven: Driven, baseline: &Baseline) -> DriveReport {
+        let before = self.baseline_file.as_ref().map(|_| baseline.drives.get(&case.id));
+        let (failures, error, measured) = match driven.measured {
+            Ok(measured) => (compare::failures(case, &measured, before), None, Some(measured)),
             Err(error) => (Vec::new(), Some(error), None),
         };
         DriveReport {
@@ -193,10 +198,10 @@ impl Suite {
             scenario: case.scenario_name.clone(),
             vehicle: case.vehicle.name.clone(),
             seed: case.seed,
-            inputs: found.key,
+            inputs: driven.key,
             config: case.config.to_string(),
-            status: status(&failures, error.as_ref(), case.expected.fail.is_some()),
-            expected_fail: case.expected.fail.clone(),
+            status: status(&failures, error.as_ref(), case.expected.failure.is_some()),
+            expected_failure: case.expected.failure.clone(),
             failures,
             error,
             measured,
@@ -204,14 +209,13 @@ impl Suite {
         }
     }
 
-    /// Pictures of the first failed drives, which are driven again for it.
-    fn draw(&self, drives: &mut [DriveReport], most: usize, jobs: usize) -> Result<(), SuiteError> {
-        let failed = drives.iter_mut().filter(|d| d.status.is_failure() && d.measured.is_some()).take(most);
-        let mut failed: Vec<&mut DriveReport> = failed.collect();
+    /// Draws the first failed drives. Each one runs again for its picture.
+    fn draw(&self, drives: &mut [DriveReport], jobs: usize, options: &Options) -> Result<(), SuiteError> {
+        let failed = drives.iter_mut().filter(|d| d.status.is_failure() && d.measured.is_some());
+        let mut failed: Vec<&mut DriveReport> = failed.take(options.pictures).collect();
         let cases: Vec<&Case> = failed.iter().filter_map(|d| self.cases.iter().find(|c| c.id == d.id)).collect();
-        let pictures =
-            side_by_side(jobs, &cases, |case| Ok(case.with_run(&case.settings, |run, _| run_svg(run)).ok()))?;
-        for (drive, picture) in failed.iter_mut().zip(pictures) {
+        let draw = |case: &&Case| Ok(Some(case.with_run(&case.settings, |run, _| run_svg(run)).ok()));
+        for (drive, picture) in failed.iter_mut().zip(in_parallel(jobs, &cases, options, draw)?) {
             drive.picture = picture;
         }
         Ok(())
@@ -224,41 +228,43 @@ fn status(failures: &[Failure], error: Option<&DriveError>, is_expected: bool) -
         (None, []) => Status::Pass,
         (None, [Failure { kind: FailureKind::UnexpectedPass, .. }]) => Status::UnexpectedPass,
         (None, failures) if failures.iter().any(|f| f.kind == FailureKind::UnknownName) => Status::Fail,
-        (None, _) if is_expected => Status::ExpectedFail,
+        (None, _) if is_expected => Status::ExpectedFailure,
         (None, _) => Status::Fail,
     }
 }
 
-/// What became of a drive, and the hash of its inputs.
-struct Found {
+/// The result of a drive and the hash of its inputs.
+struct Driven {
     key: String,
     measured: Result<Measured, DriveError>,
 }
 
-/// Does `work` on every item, `jobs` at a time, and gives the results in order. The first error ends it.
-fn side_by_side<T: Sync, R: Send>(
+/// Calls `work` for every item, `jobs` at a time, and returns the results in order, without those that are none. An error
+/// stops the run and is returned. After a cancellation no further item starts.
+fn in_parallel<T: Sync, R: Send>(
     jobs: usize,
     items: &[T],
-    work: impl Fn(&T) -> Result<R, SuiteError> + Sync,
+    options: &Options,
+    work: impl Fn(&T) -> Result<Option<R>, SuiteError> + Sync,
 ) -> Result<Vec<R>, SuiteError> {
     let workers = jobs.min(items.len()).max(1);
     let threads = (jobs / workers).max(1);
-    let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
     let results: Mutex<BTreeMap<usize, Result<R, SuiteError>>> = Mutex::new(BTreeMap::new());
     let take_and_work = || {
-        while !stopped.load(Ordering::Relaxed) {
+        while !failed.load(Ordering::Relaxed) && !options.is_cancelled() {
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(item) = items.get(index) else { break };
-            let result = work(item);
+            let Some(result) = work(item).transpose() else { continue };
             if result.is_err() {
-                stopped.store(true, Ordering::Relaxed);
+                failed.store(true, Ordering::Relaxed);
             }
             results.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(index, result);
         }
     };
     let pools: Result<Vec<_>, _> =
         (0..workers).map(|_| rayon::ThreadPoolBuilder::new().num_threads(threads).build()).collect();
-    let pools = pools.map_err(|e| SuiteError::Fault(format!("no threads: {e}")))?;
+    let pools = pools.map_err(|e| SuiteError::Fault(format!("cannot start threads: {e}")))?;
     std::thread::scope(|scope| {
         for pool in &pools {
             scope.spawn(|| pool.install(take_and_work));
@@ -267,30 +273,34 @@ fn side_by_side<T: Sync, R: Send>(
     results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner).into_values().collect()
 }
 
-fn drive_or_recall(case: &Case, state: Option<&State>) -> Result<Found, SuiteError> {
+/// Drives the case, or takes the stored result of an earlier run; none if the run was cancelled between repetitions.
+fn drive_or_recall(case: &Case, state: Option<&State>, options: &Options) -> Result<Option<Driven>, SuiteError> {
     let key = match key(case, &case.config) {
         Ok(key) => key,
-        Err(error) => return Ok(Found { key: String::new(), measured: Err(error) }),
+        Err(error) => return Ok(Some(Driven { key: String::new(), measured: Err(error) })),
     };
     if let Some(measured) = state.and_then(|s| s.finished(&key)) {
-        return Ok(Found { key, measured: Ok(measured.clone()) });
+        return Ok(Some(Driven { key, measured: Ok(measured.clone()) }));
     }
-    let measured = case.drive();
+    let measured = match case.drive(options) {
+        Ok(None) => return Ok(None),
+        Ok(Some(measured)) => Ok(measured),
+        Err(error) => Err(error),
+    };
     if let (Some(state), Ok(measured)) = (state, &measured) {
-        state.keep(&key, measured)?;
+        state.append_drive(&key, measured)?;
     }
-    Ok(Found { key, measured })
+    Ok(Some(Driven { key, measured }))
 }
 
-/// Hash of everything that decides what a drive comes to: program, scenario, problem, vehicle, settings, seed,
-/// repetitions. SHA-256, hexadecimal.
+/// SHA-256 of all inputs of a drive, hexadecimal: program, scenario, problem, vehicle, settings, seed, repetitions.
 pub(super) fn key(case: &Case, config: &str) -> Result<String, DriveError> {
     let scenario = files::read(&case.scenario, MAX_SCENARIO_BYTES).map_err(DriveError::input)?;
     let mut hasher = Sha256::new();
     let parts: [&[u8]; 6] = [
         concat!("stopline ", env!("CARGO_PKG_VERSION")).as_bytes(),
         &scenario,
-        // shortest texts of numbers that read back the same: all of the vehicle, exactly
+        // `Debug` prints every number so that it reads back exactly
         &format!("{:?}", case.vehicle).into_bytes(),
         config.as_bytes(),
         &case.seed.to_le_bytes(),
@@ -304,19 +314,22 @@ pub(super) fn key(case: &Case, config: &str) -> Result<String, DriveError> {
 }
 
 impl Case {
-    /// Drives it as often as it asks for.
-    fn drive(&self) -> Result<Measured, DriveError> {
+    /// Drives all repetitions; none if the run is cancelled between two of them.
+    fn drive(&self, options: &Options) -> Result<Option<Measured>, DriveError> {
         let scenario = commonroad::read_file(&self.scenario).map_err(DriveError::input)?;
         let problem = self.problem(&scenario)?;
         let mut measured: Option<Measured> = None;
         for _ in 0..self.repetitions {
+            if measured.is_some() && options.is_cancelled() {
+                return Ok(None);
+            }
             let RunResult { hash, json, .. } = self.driven(&scenario, problem, &self.settings, |_, result| result)?;
             measured.get_or_insert_with(|| Measured { result: json, hashes: Vec::new() }).hashes.push(hash);
         }
-        measured.ok_or_else(|| DriveError { kind: ErrorKind::Fault, message: "no repetition".into() })
+        Ok(measured)
     }
 
-    /// Drives it once and shows the run.
+    /// Drives once and passes the run to `show`.
     pub(super) fn with_run<T>(
         &self,
         settings: &drive::Settings,
@@ -342,7 +355,7 @@ impl Case {
         }
     }
 
-    /// A panic, whose message is on stderr already, is this drive's and not the end of the suite.
+    /// Drives once. A panic, whose message is already on stderr, is an error of this drive; the suite goes on.
     fn driven<T>(
         &self,
         scenario: &Scenario,
@@ -358,22 +371,28 @@ impl Case {
         match catch_unwind(AssertUnwindSafe(work)) {
             Ok(result) => result.map_err(DriveError::input),
             Err(panic) => {
-                let told = panic.downcast_ref::<String>().cloned();
-                let told = told.or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned())).unwrap_or_default();
-                Err(DriveError { kind: ErrorKind::Fault, message: format!("stopline has a fault: {told}") })
+                let message = panic.downcast_ref::<String>().map(String::as_str);
+                let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or_default();
+                Err(DriveError { kind: ErrorKind::Fault, message: format!("stopline has a fault: {message}") })
             }
         }
     }
 }
 
-/// The command that makes a drive, for a shell.
+/// The shell command that drives a case.
 pub(super) fn command(scenario: &Path, vehicle: &str, problem: Option<i64>, config: &Path, seed: u64) -> String {
-    let quoted = |text: &str| {
-        let is_plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "._-/=+@,:".contains(c));
-        if is_plain && !text.is_empty() { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
-    };
-    let problem = problem.map_or_else(String::new, |id| format!(" --problem {id}"));
-    let (scenario, config) = (scenario.to_string_lossy(), config.to_string_lossy());
-    let (scenario, vehicle, config) = (quoted(&scenario), quoted(vehicle), quoted(&config));
-    format!("stopline drive {scenario} --vehicle {vehicle}{problem} --config {config} --seed {seed}")
+    let (scenario, config, seed) = (scenario.to_string_lossy(), config.to_string_lossy(), seed.to_string());
+    let problem = problem.map(|id| id.to_string());
+    let mut words = vec!["stopline", "drive", &scenario, "--vehicle", vehicle];
+    words.extend(problem.as_deref().into_iter().flat_map(|id| ["--problem", id]));
+    words.extend(["--config", &config, "--seed", &seed]);
+    shell_command(words)
+}
+
+/// The words of a command as one line for a POSIX shell. A word with a NUL byte, which no argument can have, stays as it
+/// is.
+#[must_use]
+pub fn shell_command<'a>(words: impl IntoIterator<Item = &'a str>) -> String {
+    let quoted = |word: &'a str| shlex::try_quote(word).unwrap_or(word.into());
+    words.into_iter().map(quoted).collect::<Vec<_>>().join(" ")
 }

@@ -1,9 +1,9 @@
-//! Results of an interrupted run: a file with a line of JSON per finished drive, appended as they finish.
+//! The state of a run: a file with a line of JSON per finished drive, appended when the drive finishes.
 //!
-//! A line is found again by its key: a hash of everything that decides what a drive comes to ([`super::run::key`]).
-//! Expectations are not in it, so they may change between two runs. The first line names the program that wrote the
-//! file; another build begins anew. A last line that is cut off (the power failed, the disk was full, Ctrl-C) is taken
-//! away. The file is locked while it is in use.
+//! The key of a line is the hash of all inputs of the drive ([`super::run::key`]). Expectations are not a part of it, so
+//! they may change between two runs. The first line names the program that wrote the file; another build starts a new
+//! file. An incomplete last line (power failure, full disk, killed process) is removed. The file is locked while it is in
+//! use.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -14,9 +14,10 @@ use std::sync::Mutex;
 use super::SuiteError;
 use super::run::Measured;
 
-/// What every first line begins with, and every format of it, whatever its version.
+/// The start of the first line, for every version of the format.
 const FIRST_BYTES: &str = "{\"format\":\"stopline.check.state/";
-const FORMAT_BEFORE_VERSION: &str = "stopline.check.state/";
+/// The format without its version.
+const FORMAT_PREFIX: &str = "stopline.check.state/";
 
 /// Largest file, bytes.
 const MAX_BYTES: u64 = 1 << 30;
@@ -35,7 +36,7 @@ struct Header {
     program: String,
 }
 
-/// Every other line.
+/// The line of a finished drive.
 #[derive(serde::Serialize, serde::Deserialize)]
 struct Line<'a> {
     key: std::borrow::Cow<'a, str>,
@@ -43,10 +44,10 @@ struct Line<'a> {
 }
 
 impl State {
-    /// Opens the file, or begins it, and reads what it has.
+    /// Opens or creates the file and reads the finished drives.
     pub(super) fn open(path: &Path) -> Result<Self, SuiteError> {
         let wrong = |message: String| SuiteError::State { file: path.to_owned(), message };
-        let told = |what: &str, e: &dyn std::fmt::Display| wrong(format!("{what}: {e}"));
+        let failed = |what: &str, e: &dyn std::fmt::Display| wrong(format!("{what}: {e}"));
         if path.exists() && !path.is_file() {
             return Err(wrong("not a regular file".into()));
         }
@@ -56,34 +57,34 @@ impl State {
             .create(true)
             .truncate(false)
             .open(path)
-            .map_err(|e| told("cannot be written", &e))?;
-        file.try_lock().map_err(|e| told("in use by another run", &e))?;
+            .map_err(|e| failed("cannot be written", &e))?;
+        file.try_lock().map_err(|e| failed("in use by another run", &e))?;
         let mut bytes = Vec::new();
-        (&mut file).take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| told("cannot be read", &e))?;
+        (&mut file).take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(|e| failed("cannot be read", &e))?;
         if bytes.len() as u64 > MAX_BYTES {
             return Err(wrong(format!("larger than {MAX_BYTES} bytes")));
         }
-        let (finished, sound) = read(&bytes).map_err(wrong)?;
-        file.set_len(sound as u64).map_err(|e| told("cannot be written", &e))?;
-        file.seek(SeekFrom::End(0)).map_err(|e| told("cannot be written", &e))?;
+        let (finished, valid) = read(&bytes).map_err(wrong)?;
+        file.set_len(valid as u64).map_err(|e| failed("cannot be written", &e))?;
+        file.seek(SeekFrom::End(0)).map_err(|e| failed("cannot be written", &e))?;
         let state = Self { path: path.to_owned(), file: Mutex::new(file), finished };
-        if sound == 0 {
+        if valid == 0 {
             state.append(&Header::of_this_program())?;
         }
         Ok(state)
     }
 
-    /// What an earlier run found.
+    /// The stored result of a drive.
     pub(super) fn finished(&self, key: &str) -> Option<&Measured> {
         self.finished.get(key)
     }
 
-    /// Keeps what a drive came to.
-    pub(super) fn keep(&self, key: &str, measured: &Measured) -> Result<(), SuiteError> {
+    /// Stores the result of a drive.
+    pub(super) fn append_drive(&self, key: &str, measured: &Measured) -> Result<(), SuiteError> {
         self.append(&Line { key: key.into(), measured: std::borrow::Cow::Borrowed(measured) })
     }
 
-    /// Appends a line in one piece.
+    /// Appends a line with one write.
     fn append(&self, line: &impl serde::Serialize) -> Result<(), SuiteError> {
         let wrong = |e: &dyn std::fmt::Display| SuiteError::State {
             file: self.path.clone(),
@@ -97,7 +98,7 @@ impl State {
 }
 
 impl Header {
-    /// Version and build: results of another build are not this one's.
+    /// Version and build: the results of another build may differ.
     fn of_this_program() -> Self {
         let build = || {
             let about = std::fs::metadata(std::env::current_exe().ok()?).ok()?;
@@ -109,24 +110,24 @@ impl Header {
     }
 }
 
-/// Finished drives, and how many bytes of the text are sound.
+/// The finished drives and the number of valid bytes.
 fn read(bytes: &[u8]) -> Result<(BTreeMap<String, Measured>, usize), String> {
     let mut finished = BTreeMap::new();
-    let mut sound = 0;
+    let mut valid = 0;
     for (i, line) in bytes.split_inclusive(|b| *b == b'\n').enumerate() {
-        let is_last = sound + line.len() == bytes.len();
+        let is_last = valid + line.len() == bytes.len();
         if i == 0 {
             let is_whole = line.ends_with(b"\n");
             match serde_json::from_slice::<Header>(line) {
                 Ok(header) if is_whole && header == Header::of_this_program() => {}
-                Ok(header) if header.format.starts_with(FORMAT_BEFORE_VERSION) => return Ok((finished, 0)),
-                // cut off while it was written
+                Ok(header) if header.format.starts_with(FORMAT_PREFIX) => return Ok((finished, 0)),
+                // the write of the first line was interrupted
                 Err(_)
                     if !is_whole && FIRST_BYTES.as_bytes().starts_with(&line[..line.len().min(FIRST_BYTES.len())]) =>
                 {
                     return Ok((finished, 0));
                 }
-                _ => return Err("not a state of `stopline check`: it is left as it is".into()),
+                _ => return Err("not a state file of `stopline check`; the file is unchanged".into()),
             }
         } else {
             match serde_json::from_slice::<Line>(line) {
@@ -138,7 +139,7 @@ fn read(bytes: &[u8]) -> Result<(BTreeMap<String, Measured>, usize), String> {
                 Ok(_) => break,
             }
         }
-        sound += line.len();
+        valid += line.len();
     }
-    Ok((finished, sound))
+    Ok((finished, valid))
 }

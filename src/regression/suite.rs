@@ -1,8 +1,11 @@
 //! The suite file: its format and its reader.
 //!
-//! Unknown keys are refused with the one that was likely meant, wrong types with their line. Settings inside a suite
-//! are read twice: once as [`drive::Settings`](crate::drive::Settings), so that an error names the line, and once as the
-//! table of what was written, because only that can be laid over the defaults.
+//! The reader refuses unknown keys and suggests a similar one; an error names the line. It reads the settings of a suite
+//! twice: as [`drive::Settings`](crate::drive::Settings), so that an error names the line, and as a TOML table, because
+//! only a table of the given keys can be merged with the defaults.
+//!
+//! The visitors here are written by hand: an untagged enum of serde would accept the same values, but its errors name
+//! neither the line nor the expected form.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,33 +20,33 @@ use super::expand::{self, Case};
 use crate::drive::{self, Outcome};
 use crate::io::settings_file;
 
-/// The file that is read when a folder is named.
-const FILE_OF_FOLDER: &str = "suite.toml";
+/// The suite of a folder.
+const SUITE_OF_FOLDER: &str = "suite.toml";
 
-/// Most repetitions of a drive.
-const MOST_REPETITIONS: u32 = 1000;
+/// The largest number of repetitions of a drive.
+const MAX_REPETITIONS: u32 = 1000;
 
-/// A suite: drives, and what is expected of them. Everything in it is read and checked but for the scenarios
-/// themselves, which are read when they are driven.
+/// A suite: drives and their expectations. It is read and checked completely, except the scenarios, which are read when
+/// they are driven.
 #[derive(Debug)]
 pub struct Suite {
-    /// What it is called: the key `name`, or the file's name.
+    /// The key `name`, or the name of the file.
     pub name: String,
-    /// Its file.
+    /// The suite file.
     pub file: PathBuf,
     pub(super) cases: Vec<Case>,
-    /// Where the baseline is kept, if there is one.
+    /// The baseline file, if the suite has a baseline.
     pub(super) baseline_file: Option<PathBuf>,
 }
 
 impl Suite {
-    /// Reads a suite. A folder stands for the `suite.toml` in it.
+    /// Reads a suite; for a folder, the file `suite.toml` in it.
     ///
     /// # Errors
-    /// The suite, a settings file or a vehicle cannot be read or is wrong, or an entry matches no file.
+    /// The suite, a settings file or a vehicle cannot be read or is invalid, or an entry matches no file.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, SuiteError> {
         let given = path.as_ref();
-        let file = if given.is_dir() { given.join(FILE_OF_FOLDER) } else { given.to_owned() };
+        let file = if given.is_dir() { given.join(SUITE_OF_FOLDER) } else { given.to_owned() };
         let text = settings_file::text(&file)?;
         settings_file::parse::<SuiteFile<drive::Settings>>(&file, &text)?;
         let read: SuiteFile<toml::Table> = settings_file::parse(&file, &text)?;
@@ -52,29 +55,29 @@ impl Suite {
         let baseline_file = read.baseline.as_ref().map(|relative| folder_of(&file).join(relative));
         let cases = expand::cases(&file, &text, read)?;
         if let (Some(case), None) = (cases.iter().find(|c| !c.expected.tolerances.is_empty()), &baseline_file) {
-            let message = format!("`{}` has tolerances, but the suite has no `baseline` to hold them against", case.id);
+            let message = format!("`{}` has tolerances, but the suite has no `baseline`", case.id);
             return Err(SuiteError::Wrong { file, line: None, message });
         }
         Ok(Self { name, file, cases, baseline_file })
     }
 
-    /// Where its figures are kept, if it keeps any.
+    /// The baseline file, if the suite has a baseline.
     #[must_use]
     pub fn baseline_file(&self) -> Option<&Path> {
         self.baseline_file.as_deref()
     }
 
-    /// Ids of its drives, in the order of the report.
+    /// The ids of the drives, in the order of the report.
     pub fn ids(&self) -> impl Iterator<Item = &str> {
         self.cases.iter().map(|c| c.id.as_str())
     }
 
-    /// The baseline as it is kept; empty if the suite has none.
+    /// The stored baseline; empty if the suite has none.
     pub(super) fn baseline(&self, may_be_missing: bool) -> Result<Baseline, SuiteError> {
         self.baseline_file.as_deref().map_or_else(|| Ok(Baseline::default()), |f| Baseline::read(f, may_be_missing))
     }
 
-    /// Every file that it is read from, so that no report replaces one.
+    /// All files that the suite and its drives read. No report may replace one of them.
     #[must_use]
     pub fn inputs(&self) -> Vec<PathBuf> {
         let mut inputs = vec![self.file.clone()];
@@ -90,12 +93,12 @@ impl Suite {
     }
 }
 
-/// The folder that paths in a file are relative to.
+/// The folder to which paths in a file are relative.
 pub(super) fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A suite as written; `S` is how settings are read.
+/// The content of a suite file; `S` is the type of settings.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SuiteFile<S> {
@@ -105,7 +108,7 @@ pub(super) struct SuiteFile<S> {
     pub(super) drive: Vec<Spanned<Entry<S>>>,
 }
 
-/// A `[[drive]]` or the `[defaults]` of all of them.
+/// A `[[drive]]`, or the `[defaults]` of all drives.
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Entry<S> {
@@ -121,12 +124,12 @@ pub(super) struct Entry<S> {
     pub(super) repetitions: Option<Repetitions>,
     pub(super) expect: Option<OneOrMore<Expect>>,
     pub(super) checks: Option<Vec<String>>,
-    pub(super) expected_fail: Option<String>,
+    pub(super) expected_failure: Option<String>,
     pub(super) limits: Option<BTreeMap<String, Bound>>,
     pub(super) tolerances: Option<BTreeMap<String, Tolerance>>,
 }
 
-/// One value, or a list of at least one.
+/// A text or a non-empty list of texts.
 #[derive(Debug, Clone)]
 pub(super) struct OneOrMore<T>(pub(super) Vec<T>);
 
@@ -156,7 +159,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMore<T> {
     }
 }
 
-/// How often a drive is repeated, to compare hashes.
+/// How often a drive is repeated to compare hashes.
 #[derive(Debug, Clone, Copy, serde::Deserialize)]
 #[serde(try_from = "i64")]
 pub(super) struct Repetitions(pub(super) u32);
@@ -164,16 +167,17 @@ pub(super) struct Repetitions(pub(super) u32);
 impl TryFrom<i64> for Repetitions {
     type Error = String;
     fn try_from(count: i64) -> Result<Self, String> {
-        let fits = u32::try_from(count).ok().filter(|n| (1..=MOST_REPETITIONS).contains(n));
-        fits.map(Self).ok_or_else(|| format!("{count} repetitions, expected 1 to {MOST_REPETITIONS}"))
+        let fits = u32::try_from(count).ok().filter(|n| (1..=MAX_REPETITIONS).contains(n));
+        fits.map(Self).ok_or_else(|| format!("{count} repetitions, expected 1 to {MAX_REPETITIONS}"))
     }
 }
 
-/// How a drive may end.
+/// An expected outcome of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Expect {
     GoalReached,
+    AlreadyAtGoal,
     StoppedSafely,
     NoSafePlan,
     Collision,
@@ -184,6 +188,7 @@ impl Expect {
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::GoalReached => Outcome::GoalReached.name(),
+            Self::AlreadyAtGoal => "already_at_goal",
             Self::StoppedSafely => Outcome::StoppedSafely.name(),
             Self::NoSafePlan => Outcome::NoSafePlan.name(),
             Self::Collision => Outcome::Collision.name(),
@@ -192,14 +197,14 @@ impl Expect {
     }
 }
 
-/// What a figure may be: a number is the most, `{ min = …, max = … }` has both sides.
+/// The range of a metric: a number is the maximum, `{ min = …, max = … }` has both ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bound {
     pub(super) min: Option<f64>,
     pub(super) max: Option<f64>,
 }
 
-/// How far a figure may be from its baseline: `absolute + relative · |baseline|`; a number is absolute.
+/// The accepted difference from the baseline: `absolute + relative · |baseline|`. A number is absolute.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Tolerance {
     pub(super) absolute: f64,
@@ -218,7 +223,7 @@ struct NumberOr {
     expected: &'static str,
 }
 
-/// A lone number, or the values of the two keys.
+/// A number, or the values of the two keys.
 enum Read {
     Number(f64),
     Table([Option<f64>; 2]),
@@ -257,7 +262,7 @@ impl<'de> Visitor<'de> for NumberOr {
 
 impl<'de> Deserialize<'de> for Bound {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let expected = "a number (the most), or a table with `min`, `max` or both";
+        let expected = "a number (the maximum), or a table with `min`, `max` or both";
         match deserializer.deserialize_any(NumberOr { keys: &["min", "max"], expected })? {
             Read::Number(max) => Ok(Self { min: None, max: Some(max) }),
             Read::Table([None, None]) => Err(de::Error::custom(format!("an empty table, expected {expected}"))),

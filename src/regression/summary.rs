@@ -1,110 +1,124 @@
-//! What a suite came to.
+//! The summary of a suite.
 
 use std::fmt;
 use std::path::PathBuf;
 
-use super::compare::{Failure, Figures, figures, number};
+use super::compare::{Failure, Metrics, metrics, number};
 use super::run::{Measured, Shard};
 
-/// A suite that was run.
+/// The result of a suite.
 #[derive(Debug, Clone)]
 pub struct Summary {
-    /// What it is called.
+    /// The name of the suite.
     pub name: String,
-    /// Its file.
+    /// The suite file.
     pub file: PathBuf,
-    /// The part of it that was run; all of it if none.
+    /// The part of the suite that ran; all of it if none.
     pub shard: Option<Shard>,
-    /// Its drives, in the suite's order.
+    /// The finished drives, in the order of the suite.
     pub drives: Vec<DriveReport>,
-    /// What the baseline has of drives that the suite does not have any more; `--bless` takes it out.
+    /// The number of drives that did not run because the run was cancelled.
+    pub not_driven: usize,
+    /// Ids in the baseline that the suite does not have; `--update-baseline` removes them.
     pub stale_in_baseline: Vec<String>,
-    /// Time of the wall clock that it took, s. In no report: they have the same bytes for every number of jobs.
+    /// Wall-clock time, s. No report contains it, so that reports do not depend on the number of jobs.
     pub seconds: f64,
 }
 
-/// A drive of a suite and what is said of it.
+/// The result of a drive and its comparison with the expectations.
 #[derive(Debug, Clone)]
 pub struct DriveReport {
-    /// Its id, unique in the suite.
+    /// The id, unique in the suite.
     pub id: String,
-    /// The scenario, as the suite has it.
+    /// The scenario's path relative to the suite.
     pub scenario: String,
-    /// The vehicle's name.
+    /// The name of the vehicle.
     pub vehicle: String,
-    /// The seed.
+    /// The random seed.
     pub seed: u64,
-    /// SHA-256 of everything that decides what it comes to; empty if the scenario cannot be read.
+    /// SHA-256 of all inputs of the drive; empty if the scenario cannot be read.
     pub inputs: String,
-    /// Every setting it was driven with, as TOML that `--config` takes.
+    /// All settings of the drive, as TOML for `--config`.
     pub config: String,
-    /// How it is counted.
+    /// The status.
     pub status: Status,
-    /// Why it is known to fail.
-    pub expected_fail: Option<String>,
-    /// What is not as expected.
+    /// Why the drive is expected to fail, if it is.
+    pub expected_failure: Option<String>,
+    /// All differences from the expectations.
     pub failures: Vec<Failure>,
-    /// Why it could not be driven.
+    /// Why the drive could not run.
     pub error: Option<DriveError>,
-    /// The SVG picture, if one was asked for and it failed.
+    /// An SVG picture, if requested and the drive failed.
     pub picture: Option<String>,
     pub(super) measured: Option<Measured>,
 }
 
-/// How a drive is counted.
+/// Status of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Status {
-    /// Everything is as expected.
+    /// All expectations are met.
     Pass,
-    /// Something is not.
+    /// An expectation is not met.
     Fail,
-    /// It is known to fail, and failed.
-    ExpectedFail,
-    /// It is known to fail, and everything held: the suite is out of date.
+    /// An expected failure (xfail): the drive failed as expected.
+    ExpectedFailure,
+    /// The drive is expected to fail and passed: the suite is out of date.
     UnexpectedPass,
-    /// It could not be driven.
+    /// The drive could not run.
     Error,
 }
 
 impl Status {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::Pass, Self::Fail, Self::ExpectedFail, Self::UnexpectedPass, Self::Error];
+    /// All statuses.
+    pub const ALL: [Self; 5] = [Self::Pass, Self::Fail, Self::ExpectedFailure, Self::UnexpectedPass, Self::Error];
 
-    /// Stable name, as in the reports.
+    /// The stable name in JSON.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Pass => "pass",
             Self::Fail => "fail",
-            Self::ExpectedFail => "expected_fail",
+            Self::ExpectedFailure => "expected_failure",
             Self::UnexpectedPass => "unexpected_pass",
             Self::Error => "error",
         }
     }
 
-    /// Whether the drive was made and its result is wrong.
+    /// The label in texts.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Pass => "PASS",
+            Self::Fail => "FAIL",
+            Self::ExpectedFailure => "expected failure",
+            Self::UnexpectedPass => "unexpected PASS",
+            Self::Error => "ERROR",
+        }
+    }
+
+    /// Whether the drive ran and does not meet its expectations.
     #[must_use]
     pub fn is_failure(self) -> bool {
         matches!(self, Self::Fail | Self::UnexpectedPass)
     }
 }
 
-/// Why a drive could not be made.
+/// Why a drive could not run.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct DriveError {
-    /// Whose fault it is.
+    /// The cause.
     pub kind: ErrorKind,
-    /// What is wrong.
+    /// The reason.
     pub message: String,
 }
 
-/// Whose fault an error is.
+/// The cause of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ErrorKind {
-    /// A file that cannot be read or is wrong.
+    /// A file cannot be read or is invalid.
     Input,
-    /// The program's own.
+    /// A fault of the program.
     Fault,
 }
 
@@ -126,100 +140,101 @@ impl DriveError {
 }
 
 impl DriveReport {
-    /// How it ended; none if it could not be driven.
+    /// The outcome; none if the drive could not run.
     #[must_use]
     pub fn outcome(&self) -> Option<&str> {
         self.measured.as_ref().map(Measured::outcome)
     }
 
-    /// Hash of the drive, equal for equal drives; none if it could not be driven.
+    /// The hash, equal for equal drives; none if the drive could not run.
     #[must_use]
     pub fn hash(&self) -> Option<&str> {
         self.measured.as_ref().map(Measured::hash)
     }
 
-    /// Its figures by name: metrics, values of checks, counts of planning. None is a figure that the drive has no value
-    /// of, e.g. the clearance where there is no obstacle.
+    /// The metrics by name: metrics of the run, values of checks, counts of planning. `None`: the drive has no value, e.g.
+    /// no clearance because there is no obstacle.
     #[must_use]
-    pub fn figures(&self) -> std::collections::BTreeMap<String, Option<f64>> {
-        self.measured.as_ref().map_or_else(Figures::new, |m| figures(&m.result))
+    pub fn metrics(&self) -> std::collections::BTreeMap<String, Option<f64>> {
+        self.measured.as_ref().map_or_else(Metrics::new, |m| metrics(&m.result))
     }
 
-    /// What is wrong with it, a line each; empty if it is counted as a success.
-    pub(super) fn complaints(&self) -> Vec<String> {
+    /// The reasons why the drive does not count as a success; empty if it does.
+    #[must_use]
+    pub fn problems(&self) -> Vec<String> {
         match (&self.error, self.status) {
             (Some(error), _) => vec![format!("{} error: {}", error.kind.name(), error.message)],
-            (None, Status::Pass | Status::ExpectedFail) => Vec::new(),
+            (None, Status::Pass | Status::ExpectedFailure) => Vec::new(),
             (None, _) => self.failures.iter().map(|f| format!("{}: {}", f.kind.name(), f.message)).collect(),
         }
     }
 
-    /// A figure as text.
-    pub(super) fn told(&self, figure: &str) -> String {
-        self.figures().get(figure).copied().flatten().map_or_else(|| "–".into(), number)
+    /// A metric as text.
+    pub(super) fn metric(&self, name: &str) -> String {
+        self.metrics().get(name).copied().flatten().map_or_else(|| "–".into(), number)
     }
 }
 
 impl Summary {
-    /// Drives that are counted so.
+    /// The number of drives with that status.
     #[must_use]
     pub fn count(&self, status: Status) -> usize {
         self.drives.iter().filter(|d| d.status == status).count()
     }
 
-    /// Whether every drive was made and is as expected.
+    /// Whether all drives ran and met their expectations.
     #[must_use]
     pub fn is_success(&self) -> bool {
-        self.drives.iter().all(|d| matches!(d.status, Status::Pass | Status::ExpectedFail))
+        self.not_driven == 0 && self.drives.iter().all(|d| matches!(d.status, Status::Pass | Status::ExpectedFailure))
     }
 
-    /// For tests: nothing, or an error that lists what is wrong, drive by drive.
+    /// For tests: an error that lists all failed drives with their reasons.
     ///
     /// # Errors
-    /// A drive failed, passed though it is expected to fail, or could not be made.
+    /// A drive failed, passed although it is expected to fail, or did not run.
     pub fn into_result(self) -> Result<(), SuiteFailed> {
         if self.is_success() { Ok(()) } else { Err(SuiteFailed(Box::new(self))) }
     }
 
-    /// The counts in a line: "12 drives: 11 pass, 1 fail".
+    /// The counts in a line: "12 drives: 11 PASS, 1 FAIL".
     #[must_use]
     pub fn counts(&self) -> String {
-        let told = |status: &Status| {
-            let count = self.count(*status);
-            (count > 0).then(|| format!("{count} {}", status.name().replace('_', " ")))
-        };
-        let counts: Vec<String> = Status::ALL.iter().filter_map(told).collect();
+        let count = |status: &Status| Some((self.count(*status), status.label())).filter(|(count, _)| *count > 0);
+        let not_driven = Some((self.not_driven, "not driven")).filter(|(count, _)| *count > 0);
+        let counts = Status::ALL.iter().filter_map(count).chain(not_driven);
+        let counts: Vec<String> = counts.map(|(count, label)| format!("{count} {label}")).collect();
+        let total = self.drives.len() + self.not_driven;
+        let plural = if total == 1 { "" } else { "s" };
         let shard = self.shard.map_or_else(String::new, |s| format!(" (shard {s})"));
-        let plural = if self.drives.len() == 1 { "" } else { "s" };
         let colon = if counts.is_empty() { "" } else { ": " };
-        format!("{} drive{plural}{shard}{colon}{}", self.drives.len(), counts.join(", "))
+        format!("{total} drive{plural}{shard}{colon}{}", counts.join(", "))
     }
 }
 
 impl fmt::Display for Summary {
-    /// Counts, and what is wrong.
+    /// The counts, and the drives that did not pass, with their reasons.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(f, "{}: {}", self.name, self.counts())?;
         for drive in self.drives.iter().filter(|d| d.status != Status::Pass) {
-            let why = drive.expected_fail.as_ref().map_or_else(String::new, |why| format!(" ({why})"));
-            writeln!(f, "\n{}: {}{why}", drive.id, drive.status.name().replace('_', " "))?;
-            for complaint in drive.complaints() {
-                writeln!(f, "  {}", complaint.replace('\n', "\n  "))?;
+            let why = drive.expected_failure.as_ref().map_or_else(String::new, |why| format!(" ({why})"));
+            writeln!(f, "\n{}: {}{why}", drive.id, drive.status.label())?;
+            for problem in drive.problems() {
+                writeln!(f, "  {}", problem.replace('\n', "\n  "))?;
             }
         }
         if !self.stale_in_baseline.is_empty() {
             let stale = self.stale_in_baseline.join(", ");
-            writeln!(f, "\nin the baseline, but not in the suite: {stale}; `--bless` takes them out")?;
+            writeln!(f, "\nin the baseline, but not in the suite: {stale}; `--update-baseline` removes them")?;
         }
         Ok(())
     }
 }
 
-/// A suite that is not as expected. Its text lists the drives with what is wrong, also as `{:?}`, which is what a test
-/// prints that returns it.
+/// A suite with failures. `Display` and `Debug` list the failed drives with their reasons: a test that returns the error
+/// prints it with `Debug`.
 #[derive(Clone)]
 pub struct SuiteFailed(
-    /// What it came to.
+    /// The result of the suite.
     pub Box<Summary>,
 );
 

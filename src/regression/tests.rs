@@ -1,4 +1,4 @@
-//! Suites as a user of the library meets them: small folders with a road, drives of a second.
+//! Tests of suites with the public interface: folders with one road, drives of one second.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use super::*;
 
 const ROAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/maps/straight_100m.xml");
 
-/// A drive of one second that is right: it drives on when its time is over.
+/// A drive that ends after one second, as expected.
 const SECOND: &str = "settings.run.longest = 1.0\nexpect = \"timed_out\"\nchecks = [\"no_contact\", \"stop_proven\"]\n";
 
 /// A folder with `a.xml` and `b.xml`, both the road.
@@ -44,8 +44,8 @@ impl Place {
         self.suite(text).run(&Options::default()).unwrap()
     }
 
-    /// What is said of a suite that is refused.
-    fn complaint(&self, text: &str) -> String {
+    /// The error of an invalid suite.
+    fn error(&self, text: &str) -> String {
         match self.load(text) {
             Err(error) => error.to_string(),
             Ok(suite) => panic!("accepted with {:?}:\n{text}", suite.ids().collect::<Vec<_>>()),
@@ -59,7 +59,7 @@ fn all_reports(summary: &Summary) -> [String; 4] {
 }
 
 #[test]
-fn one_wrong_thing_in_a_suite_is_named_with_its_line() {
+fn errors_name_the_cause_and_the_line() {
     let place = Place::new();
     place.write("wrong.toml", "[planner]\n\ncruise_sped = 3.0\n");
     place.write("range.toml", "[run]\nlongest = -1.0\n");
@@ -83,12 +83,13 @@ fn one_wrong_thing_in_a_suite_is_named_with_its_line() {
         (&format!("{drive}vehicle = \"my/car\""), &["suite.toml:1:", "no vehicle"]),
         (&format!("{drive}expect = \"goal\""), &["line 3", "`goal`", "goal_reached"]),
         (&format!("{drive}expect = [\"goal_reachd\"]"), &["line 3", "did you mean `goal_reached`?"]),
-        (&format!("{drive}expected_fail = true"), &["line 3", "expected a string"]),
+        (&format!("{drive}expected_failure = true"), &["line 3", "expected a string"]),
+        (&format!("{drive}expected_fail = \"x\""), &["line 3", "`expected_fail`", "did you mean `expected_failure`?"]),
         (&format!("{drive}problem = \"1\""), &["line 3"]),
         (&format!("{drive}repetitions = 0"), &["line 3", "0 repetitions, expected 1 to 1000"]),
         (&format!("{drive}seeds = []"), &["`seeds` is empty"]),
         (&format!("{drive}seeds = [-1]"), &["line 3"]),
-        (&format!("{drive}limits = {{ tracking = \"0.2\" }}"), &["line 3", "a number (the most)"]),
+        (&format!("{drive}limits = {{ tracking = \"0.2\" }}"), &["line 3", "a number (the maximum)"]),
         (&format!("{drive}limits = {{ tracking = nan }}"), &["line 3", "nan"]),
         (&format!("{drive}limits = {{ tracking = {{ mn = 1 }} }}"), &["line 3", "`mn`", "did you mean `min`?"]),
         (&format!("{drive}limits = {{ tracking = {{}} }}"), &["line 3", "empty table"]),
@@ -110,24 +111,27 @@ fn one_wrong_thing_in_a_suite_is_named_with_its_line() {
         (&format!("{drive}config = \"none.toml\""), &["suite.toml:1:", "none.toml: cannot be read"]),
         (&format!("{drive}config = \"wrong.toml\""), &["wrong.toml", "line 3", "did you mean `cruise_speed`?"]),
         (&format!("{drive}config = \"range.toml\""), &["suite.toml:1:", "run.longest"]),
-        (&format!("{drive}{drive}"), &["suite.toml:3:", "`a.xml@bmw_320i` is there already, from line 1", "`name`"]),
-        (&format!("{drive}seeds = [1, 1]"), &["`a.xml@bmw_320i,seed=1` is there already"]),
+        (&format!("{drive}{drive}"), &["suite.toml:3:", "`a.xml@bmw_320i` exists already, from line 1", "`name`"]),
+        (&format!("{drive}seeds = [1, 1]"), &["`a.xml@bmw_320i,seed=1` exists already"]),
     ];
     for (text, words) in cases {
-        let said = place.complaint(text);
-        assert!(said.contains("suite.toml") || said.contains("wrong.toml"), "names no file: {said}");
+        let message = place.error(text);
+        assert!(message.contains("suite.toml") || message.contains("wrong.toml"), "lacks the file: {message}");
         for word in *words {
-            assert!(said.contains(word), "does not say \"{word}\": {said}\n{text}");
+            assert!(message.contains(word), "lacks \"{word}\": {message}\n{text}");
         }
     }
     let missing = Suite::load(place.path("none.toml")).unwrap_err().to_string();
     assert!(missing.contains("none.toml: cannot be read"), "{missing}");
     std::fs::write(place.path("suite.toml"), b"name = \"\xe9\"").unwrap();
-    assert!(Suite::load(place.0.path()).unwrap_err().to_string().contains("not UTF-8"), "a folder is its suite.toml");
+    assert!(
+        Suite::load(place.0.path()).unwrap_err().to_string().contains("not UTF-8"),
+        "a folder stands for its suite.toml"
+    );
 }
 
 #[test]
-fn drives_come_in_order_under_ids_that_tell_them_apart() {
+fn drives_are_ordered_and_have_unique_ids() {
     let place = Place::new();
     std::fs::create_dir(place.path("sub")).unwrap();
     std::fs::copy(ROAD, place.path("sub/c.xml")).unwrap();
@@ -141,25 +145,25 @@ fn drives_come_in_order_under_ids_that_tell_them_apart() {
 }
 
 #[test]
-fn settings_are_laid_over_each_other_from_the_farthest_to_the_nearest() {
+fn settings_are_merged_by_priority() {
     let place = Place::new();
-    place.write("c.toml", "[run]\nlongest = 2.0\nrest = 3.0\n[planner]\njerk = 2.0\ncruise_speed = 5.0\n");
+    place.write("c.toml", "[run]\nlongest = 2.0\nstandstill_time = 3.0\n[planner]\njerk = 2.0\ncruise_speed = 5.0\n");
     let suite = place.suite(
         "[defaults]\nconfig = \"c.toml\"\nsettings = { run.standstill_time = 4.0, planner.jerk = 3.0 }\n\
          [[drive]]\nscenarios = \"a.xml\"\nsettings.planner.jerk = 4.0\nmatrix = { \"planner.jerk\" = [5.0] }\n",
     );
     let settings = &suite.cases[0].settings;
-    let found =
+    let values =
         [settings.run.longest, settings.run.standstill_time, settings.planner.jerk, settings.planner.cruise_speed];
-    assert_eq!(found, [2.0, 4.0, 5.0, 5.0]);
+    assert_eq!(values, [2.0, 4.0, 5.0, 5.0]);
     assert_eq!(settings.simulation, Default::default());
-    // what is told of them is all of them, infinities too
+    // the TOML contains all settings, also infinite ones
     assert!(settings.planner.uncertainty.max_lateral_deviation.is_infinite());
     assert_eq!(toml::from_str::<crate::drive::Settings>(&suite.cases[0].config).unwrap(), **settings);
 }
 
 #[test]
-fn reports_have_the_same_bytes_for_every_number_of_jobs_and_for_resumed_runs() {
+fn reports_do_not_depend_on_jobs_or_resumption() {
     let place = Place::new();
     let text = format!(
         "[[drive]]\nscenarios = \"*.xml\"\nrepetitions = 2\nmatrix = {{ \"simulation.friction_scale\" = [1.0, 0.7] }}\n{SECOND}\
@@ -174,13 +178,13 @@ fn reports_have_the_same_bytes_for_every_number_of_jobs_and_for_resumed_runs() {
     };
     let one = all_reports(&suite.run(&options(1, None)).unwrap());
     assert_eq!(all_reports(&suite.run(&options(7, Some("state"))).unwrap()), one);
-    assert_eq!(all_reports(&suite.run(&options(2, Some("state"))).unwrap()), one, "from the state alone");
-    assert!(one[3].contains("data:image/svg+xml"), "a failed drive has its picture");
-    assert!(!one[3].contains("=\"http") && !one[3].contains("url(http"), "fetches nothing");
+    assert_eq!(all_reports(&suite.run(&options(2, Some("state"))).unwrap()), one, "all results from the state file");
+    assert!(one[3].contains("data:image/svg+xml"), "a picture of the failed drive");
+    assert!(!one[3].contains("=\"http") && !one[3].contains("url(http"), "no network");
 }
 
 #[test]
-fn an_interrupted_run_goes_on_from_its_last_whole_line() {
+fn resumes_from_the_last_complete_line() {
     let place = Place::new();
     let text = format!(
         "[[drive]]\nscenarios = \"a.xml\"\nseeds = [0, 1]\nvehicle = [\"bmw_320i\", \"ford_escort\"]\n{SECOND}"
@@ -191,30 +195,33 @@ fn an_interrupted_run_goes_on_from_its_last_whole_line() {
     let whole = all_reports(&suite.run(&options).unwrap());
     let bytes = std::fs::read(&state).unwrap();
     let ends: Vec<usize> = bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(i, _)| i + 1).collect();
-    assert_eq!(ends.len(), 5, "a head and four drives");
+    assert_eq!(ends.len(), 5, "a header and four drives");
     for cut in [0, 5, ends[0] - 1, ends[0], ends[2] + 7, ends[3] - 1, ends[4] - 1] {
         std::fs::write(&state, &bytes[..cut]).unwrap();
         let lines_before = bytes[..cut].iter().filter(|b| **b == b'\n').count().max(1);
         assert_eq!(all_reports(&suite.run(&options).unwrap()), whole, "cut at {cut}");
         let again = std::fs::read(&state).unwrap();
-        assert_eq!(again.len(), bytes.len(), "cut at {cut}: every drive once, {lines_before} lines kept");
-        assert!(cut < ends[0] || again.starts_with(&bytes[..ends[lines_before - 1]]), "cut at {cut}: kept lines stay");
+        assert_eq!(again.len(), bytes.len(), "cut at {cut}: every drive once, {lines_before} lines remain");
+        assert!(
+            cut < ends[0] || again.starts_with(&bytes[..ends[lines_before - 1]]),
+            "cut at {cut}: complete lines stay"
+        );
     }
-    // a head that is cut off is not told from a new file by its length alone
+    // another text of the same length as a cut header
     std::fs::write(&state, "something else").unwrap();
-    assert!(suite.run(&options).unwrap_err().to_string().contains("not a state of `stopline check`"));
-    // a line in the middle that makes no sense is not guessed at
+    assert!(suite.run(&options).unwrap_err().to_string().contains("not a state file of `stopline check`"));
+    // an invalid line in the middle
     let mut broken = bytes.clone();
     broken[ends[1] + 3] = b'}';
     std::fs::write(&state, &broken).unwrap();
-    let said = suite.run(&options).unwrap_err().to_string();
-    assert!(said.contains("state: line 3"), "{said}");
-    assert_eq!(std::fs::read(&state).unwrap(), broken, "and is left as it is");
-    // neither is another file taken for one
+    let message = suite.run(&options).unwrap_err().to_string();
+    assert!(message.contains("state: line 3"), "{message}");
+    assert_eq!(std::fs::read(&state).unwrap(), broken, "the file is unchanged");
+    // another kind of file
     std::fs::copy(ROAD, &state).unwrap();
-    assert!(suite.run(&options).unwrap_err().to_string().contains("not a state of `stopline check`"));
+    assert!(suite.run(&options).unwrap_err().to_string().contains("not a state file of `stopline check`"));
     assert_eq!(std::fs::read(&state).unwrap(), std::fs::read(ROAD).unwrap());
-    // another build begins anew
+    // the state of another build
     let head = String::from_utf8(bytes[..ends[0]].to_vec()).unwrap();
     let other = head.replacen("\"program\":\"", "\"program\":\"other ", 1);
     std::fs::write(&state, [other.as_bytes(), &bytes[ends[0]..]].concat()).unwrap();
@@ -223,7 +230,7 @@ fn an_interrupted_run_goes_on_from_its_last_whole_line() {
 }
 
 #[test]
-fn a_state_knows_when_an_input_has_changed() {
+fn the_key_of_a_drive_depends_on_every_input() {
     let place = Place::new();
     let text = |longest: &str, seed: u32| {
         format!("[[drive]]\nscenarios = \"a.xml\"\nseeds = [{seed}]\n{}", SECOND.replace("1.0", longest))
@@ -234,7 +241,7 @@ fn a_state_knows_when_an_input_has_changed() {
     };
     let base = keys(&text("1.0", 0));
     assert_eq!(base, keys(&text("1.0", 0)));
-    assert_eq!(base, keys(&text("1.0", 0).replace("timed_out", "collision")), "an expectation is no input");
+    assert_eq!(base, keys(&text("1.0", 0).replace("timed_out", "collision")), "an expectation is not an input");
     let others = [
         keys(&text("1.5", 0)),
         keys(&text("1.0", 1)),
@@ -245,24 +252,24 @@ fn a_state_knows_when_an_input_has_changed() {
     assert!(others.iter().all(|key| *key != base), "{others:?}");
     let road = std::fs::read_to_string(place.path("a.xml")).unwrap();
     place.write("a.xml", &format!("{road}\n"));
-    assert_ne!(keys(&text("1.0", 0)), base, "a byte of the scenario");
+    assert_ne!(keys(&text("1.0", 0)), base, "one byte of the scenario changed");
 }
 
 #[test]
-fn a_state_in_use_is_not_shared() {
+fn a_state_file_in_use_is_refused() {
     let place = Place::new();
     let path = place.path("state");
     let first = super::state::State::open(&path).unwrap();
-    let said = super::state::State::open(&path).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(said.contains("in use by another run"), "{said}");
+    let message = super::state::State::open(&path).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(message.contains("in use by another run"), "{message}");
     drop(first);
     assert!(super::state::State::open(&path).is_ok());
-    let said = super::state::State::open(place.0.path()).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(said.contains("not a regular file"), "{said}");
+    let message = super::state::State::open(place.0.path()).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(message.contains("not a regular file"), "{message}");
 }
 
 #[test]
-fn shards_part_the_suite() {
+fn shards_partition_the_suite() {
     let place = Place::new();
     let suite = place.suite(&format!("[[drive]]\nscenarios = \"*.xml\"\nseeds = [0, 1, 2]\n{SECOND}"));
     let mut seen: Vec<String> = Vec::new();
@@ -283,10 +290,10 @@ fn shards_part_the_suite() {
 }
 
 #[test]
-fn outcomes_checks_and_limits_that_are_not_as_expected_are_failures() {
+fn unmet_expectations_are_failures() {
     let place = Place::new();
-    let entry = |name: &str, rest: &str| {
-        format!("[[drive]]\nname = \"{name}\"\nscenarios = \"a.xml\"\nsettings.run.longest = 1.0\n{rest}\n")
+    let entry = |name: &str, expectations: &str| {
+        format!("[[drive]]\nname = \"{name}\"\nscenarios = \"a.xml\"\nsettings.run.longest = 1.0\n{expectations}\n")
     };
     let text = [
         entry("right", "expect = [\"goal_reached\", \"timed_out\"]\nchecks = [\"no_contact\"]"),
@@ -301,15 +308,15 @@ fn outcomes_checks_and_limits_that_are_not_as_expected_are_failures() {
         entry("low", "expect = \"timed_out\"\nchecks = []\nlimits.distance_m = { min = 50, max = 60 }"),
         entry("typo", "expect = \"timed_out\"\nchecks = []\nlimits = { distanc_m = 1.0 }"),
         entry("null", "expect = \"timed_out\"\nchecks = []\nlimits = { stop_error_m = { min = 5 } }"),
-        entry("known", "expected_fail = \"too short\""),
+        entry("known", "expected_failure = \"too short\""),
         entry(
             "masked",
-            "expect = \"timed_out\"\nchecks = []\nexpected_fail = \"a bit slow\"\nlimits = { distanc_m = 1.0 }",
+            "expect = \"timed_out\"\nchecks = []\nexpected_failure = \"a bit slow\"\nlimits = { distanc_m = 1.0 }",
         ),
-        entry("better", "expect = \"timed_out\"\nchecks = []\nexpected_fail = \"was too short\""),
+        entry("improved", "expect = \"timed_out\"\nchecks = []\nexpected_failure = \"was too short\""),
     ];
     let summary = place.run(&text.concat());
-    let told: Vec<(&str, &str, String)> = (summary.drives.iter())
+    let results: Vec<(&str, &str, String)> = (summary.drives.iter())
         .map(|d| {
             let kinds: Vec<_> = d.failures.iter().map(|f| f.kind.name()).collect();
             (d.id.split(':').next().unwrap(), d.status.name(), kinds.join(" "))
@@ -325,32 +332,32 @@ fn outcomes_checks_and_limits_that_are_not_as_expected_are_failures() {
         ("low", "fail", "limit"),
         ("typo", "fail", "unknown_name"),
         ("null", "pass", ""),
-        ("known", "expected_fail", "outcome check"),
-        // a misspelt name is no failure that anybody expects
+        ("known", "expected_failure", "outcome check"),
+        // an expected failure does not cover a misspelt name
         ("masked", "fail", "unknown_name unexpected_pass"),
-        ("better", "unexpected_pass", "unexpected_pass"),
+        ("improved", "unexpected_pass", "unexpected_pass"),
     ];
-    let told: Vec<(&str, &str, &str)> = told.iter().map(|(a, b, c)| (*a, *b, c.as_str())).collect();
-    assert_eq!(told, expected);
+    let results: Vec<(&str, &str, &str)> = results.iter().map(|(a, b, c)| (*a, *b, c.as_str())).collect();
+    assert_eq!(results, expected);
     let text = summary.to_string();
     for word in [
-        "12 drives: 2 pass, 8 fail, 1 expected fail, 1 unexpected pass",
-        "ended as timed_out, expected goal_reached or stopped_safely",
-        "ended as timed_out, expected collision",
+        "12 drives: 2 PASS, 8 FAIL, 1 expected failure, 1 unexpected PASS",
+        "outcome: timed_out, expected goal_reached or stopped_safely",
+        "outcome: timed_out, expected collision",
         "no_contcat: this drive has no such check; did you mean `no_contact`?",
-        "distanc_m: this drive has no such figure; did you mean `distance_m`?",
+        "distanc_m: this drive has no such metric; did you mean `distance_m`?",
         "limit at most 3",
         "limit at least 50",
         "expected to fail (was too short)",
     ] {
-        assert!(text.contains(word), "does not say \"{word}\": {text}");
+        assert!(text.contains(word), "lacks \"{word}\": {text}");
     }
     let failed = summary.into_result().unwrap_err();
-    assert_eq!(format!("{failed:?}"), text, "what a test prints that returns it");
+    assert_eq!(format!("{failed:?}"), text, "a test that returns the error prints it with Debug");
 }
 
 #[test]
-fn a_scenario_that_cannot_be_read_is_an_error_and_the_others_are_driven() {
+fn an_unreadable_scenario_is_an_error_of_its_drives() {
     let place = Place::new();
     place.write("a.xml", "<osm/>");
     let road = std::fs::read_to_string(ROAD).unwrap();
@@ -361,9 +368,9 @@ fn a_scenario_that_cannot_be_read_is_an_error_and_the_others_are_driven() {
         summary.drives.iter().map(|d| d.status).collect::<Vec<_>>(),
         [Status::Error, Status::Pass, Status::Error]
     );
-    let said = summary.to_string();
+    let message = summary.to_string();
     for word in ["input error:", "a.xml", "<osm>", "c.xml: has several planning problems"] {
-        assert!(said.contains(word), "{said}");
+        assert!(message.contains(word), "{message}");
     }
     assert!(summary.clone().into_result().is_err());
     let xml = junit(&[summary]).unwrap();
@@ -373,81 +380,87 @@ fn a_scenario_that_cannot_be_read_is_an_error_and_the_others_are_driven() {
 }
 
 #[test]
-fn a_baseline_is_kept_compared_and_not_lost() {
+fn stores_and_compares_a_baseline() {
     let place = Place::new();
     let text = |tolerances: &str| {
-        format!("baseline = \"kept.json\"\n[[drive]]\nscenarios = \"*.xml\"\n{SECOND}tolerances = {{ {tolerances} }}\n")
+        format!(
+            "baseline = \"baseline.json\"\n[[drive]]\nscenarios = \"*.xml\"\n{SECOND}tolerances = {{ {tolerances} }}\n"
+        )
     };
     let tight = text("distance_m = 0.01, duration_s = { relative = 0.1 }, stop_error_m = 1.0");
-    let kept = place.path("kept.json");
-    let said = place.suite(&tight).run(&Options::default()).unwrap_err().to_string();
-    assert!(said.contains("kept.json") && said.contains("--bless"), "{said}");
+    let file = place.path("baseline.json");
+    let message = place.suite(&tight).run(&Options::default()).unwrap_err().to_string();
+    assert!(message.contains("baseline.json") && message.contains("--update-baseline"), "{message}");
 
-    let bless = Options { bless: true, ..Options::default() };
-    assert!(place.suite(&tight).run(&bless).unwrap().is_success());
-    let first = std::fs::read_to_string(&kept).unwrap();
+    let update = Options { update_baseline: true, ..Options::default() };
+    assert!(place.suite(&tight).run(&update).unwrap().is_success());
+    let first = std::fs::read_to_string(&file).unwrap();
     assert!(first.ends_with("}\n") && first.contains("\"stop_error_m\": null"), "{first}");
     assert!(place.run(&tight).is_success());
-    place.suite(&tight).run(&bless).unwrap();
-    assert_eq!(std::fs::read_to_string(&kept).unwrap(), first, "canonical");
+    place.suite(&tight).run(&update).unwrap();
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), first, "canonical");
 
-    // a figure that has changed, on both sides; with more tolerance it has not
+    // a changed metric, above and below; within a larger tolerance it passes
     let read: serde_json::Value = serde_json::from_str(&first).unwrap();
-    let was = read["drives"]["a.xml@bmw_320i"]["figures"]["distance_m"].as_f64().unwrap();
+    let was = read["drives"]["a.xml@bmw_320i"]["metrics"]["distance_m"].as_f64().unwrap();
     for change in [0.02, -0.02] {
         let mut changed = read.clone();
-        changed["drives"]["a.xml@bmw_320i"]["figures"]["distance_m"] = (was + change).into();
-        place.write("kept.json", &changed.to_string());
+        changed["drives"]["a.xml@bmw_320i"]["metrics"]["distance_m"] = (was + change).into();
+        place.write("baseline.json", &changed.to_string());
         let summary = place.run(&tight);
         assert_eq!(summary.drives.iter().map(|d| d.status).collect::<Vec<_>>(), [Status::Fail, Status::Pass]);
         assert!(summary.to_string().contains("baseline: distance_m"), "{summary}");
         assert!(place.run(&tight.replace("0.01", "0.03")).is_success());
     }
-    // outcome, something where nothing was, drives that it does not have or that are gone
+    // a changed outcome, a value that was null, a drive that is not in the baseline or not in the suite
     let mut changed = read.clone();
     changed["drives"]["a.xml@bmw_320i"]["outcome"] = "goal_reached".into();
-    changed["drives"]["a.xml@bmw_320i"]["figures"]["stop_error_m"] = 0.5.into();
+    changed["drives"]["a.xml@bmw_320i"]["metrics"]["stop_error_m"] = 0.5.into();
     let gone = changed["drives"].as_object_mut().unwrap().remove("b.xml@bmw_320i").unwrap();
     changed["drives"]["gone.xml@bmw_320i"] = gone;
-    place.write("kept.json", &changed.to_string());
-    let said = place.run(&tight).to_string();
+    place.write("baseline.json", &changed.to_string());
+    let message = place.run(&tight).to_string();
     for word in [
-        "ended as timed_out, before as goal_reached",
-        "stop_error_m: none, before 0.5",
-        "it is not in the baseline",
+        "outcome timed_out, baseline goal_reached",
+        "stop_error_m: none, baseline 0.5",
+        "the drive is not in the baseline",
         "in the baseline, but not in the suite: gone.xml@bmw_320i",
     ] {
-        assert!(said.contains(word), "does not say \"{word}\": {said}");
+        assert!(message.contains(word), "lacks \"{word}\": {message}");
     }
-    // a part of the suite blesses its part
-    let part = Options { shard: Shard::new(2, 2), ..bless.clone() };
+    // a shard updates only its own drives
+    let part = Options { shard: Shard::new(2, 2), ..update.clone() };
     place.suite(&tight).run(&part).unwrap();
-    let read = std::fs::read_to_string(&kept).unwrap();
+    let read = std::fs::read_to_string(&file).unwrap();
     assert!(!read.contains("gone.xml") && read.contains("b.xml@") && read.contains("\"stop_error_m\": 0.5"), "{read}");
-    place.suite(&tight).run(&bless).unwrap();
-    assert_eq!(std::fs::read_to_string(&kept).unwrap(), first);
+    place.suite(&tight).run(&update).unwrap();
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), first);
 
-    // a corrupt one is an error, blessed or not, and stays
+    // a corrupt baseline is an error and stays as it is, also when it should be updated
     for (corrupt, word) in [
         (&first[..first.len() / 2], "not a baseline"),
         ("", "not a baseline"),
         ("{\"format\": \"stopline.baseline/2\", \"drives\": {}, \"x\": 1}", "unknown field `x`"),
         ("{\"format\": \"stopline.baseline/9\", \"drives\": {}}", "stopline.baseline/9"),
-        ("{\"format\": \"stopline.baseline/2\", \"drives\": {\"a\": {\"outcome\": 1, \"figures\": {}}}}", "line 1"),
+        (
+            "{\"format\": \"stopline.baseline/1\", \"drives\": {\"a\": {\"outcome\": \"x\", \"figures\": {}}}}",
+            "expected `stopline.baseline/2`: remove the file",
+        ),
+        ("{\"format\": \"stopline.baseline/2\", \"drives\": {\"a\": {\"outcome\": 1, \"metrics\": {}}}}", "line 1"),
     ] {
-        place.write("kept.json", corrupt);
-        for options in [&bless, &Options::default()] {
-            let said = place.suite(&tight).run(options).unwrap_err().to_string();
-            assert!(said.contains("kept.json") && said.contains(word), "{said}");
+        place.write("baseline.json", corrupt);
+        for options in [&update, &Options::default()] {
+            let message = place.suite(&tight).run(options).unwrap_err().to_string();
+            assert!(message.contains("baseline.json") && message.contains(word), "{message}");
         }
-        assert_eq!(std::fs::read_to_string(&kept).unwrap(), corrupt);
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), corrupt);
     }
     let without = format!("[[drive]]\nscenarios = \"*.xml\"\n{SECOND}");
-    assert!(place.suite(&without).run(&bless).unwrap_err().to_string().contains("needs a `baseline`"));
+    assert!(place.suite(&without).run(&update).unwrap_err().to_string().contains("needs a `baseline`"));
 }
 
 #[test]
-fn repetitions_that_differ_are_not_deterministic() {
+fn different_repetitions_are_a_failure() {
     let place = Place::new();
     let suite = place.suite(&format!("[[drive]]\nscenarios = \"a.xml\"\nrepetitions = 3\n{SECOND}"));
     let mut measured = suite.run(&Options::default()).unwrap().drives.remove(0).measured.unwrap();
@@ -459,8 +472,98 @@ fn repetitions_that_differ_are_not_deterministic() {
     assert!(failures[0].message.starts_with("repetition 3 of 3"), "{}", failures[0].message);
 }
 
+/// A drive whose result has these checks.
+fn measured_with(suite: &Suite, checks: serde_json::Value) -> super::run::Measured {
+    let mut measured = suite.run(&Options::default()).unwrap().drives.remove(0).measured.unwrap();
+    measured.result.insert("checks".into(), checks);
+    measured
+}
+
 #[test]
-fn no_text_of_a_file_is_markup_in_a_report() {
+fn a_required_check_has_to_apply() {
+    let place = Place::new();
+    let suite = |expectations: &str| {
+        place.suite(&format!(
+            "[[drive]]\nscenarios = \"a.xml\"\nsettings.run.longest = 1.0\nexpect = \"timed_out\"\n{expectations}\n"
+        ))
+    };
+    let checks = serde_json::json!([
+        { "name": "no_contact", "status": "pass", "value": 0.0, "limit": 0.01, "unit": "m", "at_time": null, "note": "" },
+        { "name": "stops", "status": "not_applicable", "value": null, "limit": null, "unit": "m", "at_time": null,
+          "note": "the vehicle did not stop" },
+    ]);
+    let all = suite("");
+    let measured = measured_with(&all, checks);
+    let failures = |suite: &Suite| -> Vec<(FailureKind, String)> {
+        let failures = super::compare::failures(&suite.cases[0], &measured, None);
+        failures.into_iter().map(|f| (f.kind, f.message)).collect()
+    };
+    assert_eq!(failures(&all), [], "all checks that apply pass");
+    assert_eq!(failures(&suite("checks = [\"no_contact\"]")), []);
+    let message = "stops: required, but N/A in this drive: the vehicle did not stop";
+    assert_eq!(failures(&suite("checks = [\"stops\"]")), [(FailureKind::Check, message.into())]);
+    assert_eq!(failures(&suite("limits = { stops = 0.3 }")), [(FailureKind::Limit, message.into())]);
+    // a known check that the result does not list, and an unknown one
+    let message = "goal: required, but N/A in this drive";
+    assert_eq!(failures(&suite("checks = [\"goal\"]")), [(FailureKind::Check, message.into())]);
+    let message = "stop: this drive has no such check; did you mean `stops`?";
+    assert_eq!(failures(&suite("checks = [\"stop\"]")), [(FailureKind::UnknownName, message.into())]);
+    assert!(!super::compare::metrics(&measured.result).contains_key("stops"));
+}
+
+#[test]
+fn a_failed_check_names_the_event_first() {
+    let place = Place::new();
+    let suite = place.suite("[[drive]]\nscenarios = \"a.xml\"\nsettings.run.longest = 1.0\nexpect = \"timed_out\"\n");
+    let measured = measured_with(
+        &suite,
+        serde_json::json!([{ "name": "comfort_longitudinal", "status": "fail", "value": 3.9712345, "limit": 2.42,
+            "unit": "m/s²", "at_time": 3.26, "note": "braked hard" }]),
+    );
+    let failures = super::compare::failures(&suite.cases[0], &measured, None);
+    let message = "comfort_longitudinal: braked hard (3.97123 m/s² at 3.26 s, limit 2.42)";
+    assert_eq!(failures.iter().map(|f| f.message.as_str()).collect::<Vec<_>>(), [message]);
+}
+
+#[test]
+fn already_at_goal_has_to_be_expected() {
+    let place = Place::new();
+    let suite = |expect: &str| {
+        place.suite(&format!("[[drive]]\nscenarios = \"a.xml\"\nsettings.run.longest = 1.0\nchecks = []\n{expect}\n"))
+    };
+    let mut measured = measured_with(&suite(""), serde_json::json!([]));
+    measured.result.insert("outcome".into(), "already_at_goal".into());
+    let messages = |suite: &Suite| -> Vec<String> {
+        super::compare::failures(&suite.cases[0], &measured, None).into_iter().map(|f| f.message).collect()
+    };
+    assert_eq!(messages(&suite("")), ["already_at_goal, expected goal_reached or stopped_safely"]);
+    assert_eq!(messages(&suite("expect = \"goal_reached\"")), ["already_at_goal, expected goal_reached"]);
+    assert!(messages(&suite("expect = [\"goal_reached\", \"already_at_goal\"]")).is_empty());
+}
+
+#[test]
+fn a_cancelled_run_reports_its_finished_drives() {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    let place = Place::new();
+    let suite = place.suite(&format!(
+        "baseline = \"baseline.json\"\n[[drive]]\nscenarios = \"*.xml\"\nseeds = [0, 1]\n{SECOND}tolerances.distance_m = 1\n"
+    ));
+    let cancel = Arc::new(AtomicBool::new(false));
+    let options = Options {
+        jobs: NonZeroUsize::new(1),
+        update_baseline: true,
+        cancel: Some(Arc::clone(&cancel)),
+        ..Options::default()
+    };
+    let summary = suite.run_watched(&options, &|_| cancel.store(true, Ordering::Relaxed)).unwrap();
+    assert_eq!((summary.drives.len(), summary.not_driven), (1, 3));
+    assert!(summary.counts().ends_with("3 not driven") && !summary.is_success(), "{}", summary.counts());
+    assert!(!place.path("baseline.json").exists(), "an incomplete run updates no baseline");
+}
+
+#[test]
+fn reports_escape_text_of_files() {
     let place = Place::new();
     let name = "<b>&\"'`|_]]>.xml";
     std::fs::copy(ROAD, place.path(name)).unwrap();
@@ -469,7 +572,7 @@ fn no_text_of_a_file_is_markup_in_a_report() {
         "name = \"<i>&\"\n[[drive]]\nscenarios = \"{quoted}\"\nsettings.run.longest = 1.0\nexpect = \"collision\"\n"
     ));
     let all = std::slice::from_ref(&summary);
-    let page = html(all);
+    let page = closed(&html(all));
     let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
     let parsed = roxmltree::Document::parse_with_options(&page, options).unwrap_or_else(|e| panic!("{e}: {page}"));
     assert!(parsed.descendants().all(|n| !n.has_tag_name("b") && !n.has_tag_name("i") && !n.has_tag_name("script")));
@@ -479,16 +582,27 @@ fn no_text_of_a_file_is_markup_in_a_report() {
     let case = case.descendants().find(|n| n.has_tag_name("testcase")).unwrap();
     assert_eq!(case.attribute("name").unwrap(), format!("{name}@bmw_320i"));
     assert!(case.children().any(|n| n.has_tag_name("failure") && n.attribute("type") == Some("outcome")));
-    let figure = |n: &roxmltree::Node| n.attribute("name") == Some("distance_m") && n.attribute("value").is_some();
-    assert!(case.descendants().any(|n| figure(&n)), "{xml}");
+    let is_metric = |n: &roxmltree::Node| n.attribute("name") == Some("distance_m") && n.attribute("value").is_some();
+    assert!(case.descendants().any(|n| is_metric(&n)), "{xml}");
     assert!(!markdown(all).contains(name) && markdown(all).contains("&lt;b&gt;&amp;"));
-    let told: serde_json::Value = serde_json::from_str(&json(all)).unwrap();
-    assert_eq!(told["suites"][0]["drives"][0]["scenario"], name);
+    let report: serde_json::Value = serde_json::from_str(&json(all)).unwrap();
+    assert_eq!(report["suites"][0]["drives"][0]["scenario"], name);
 }
 
-/// A browser shows the page as it is meant, and has nothing to complain about.
+/// The page as XML: void elements are closed.
+fn closed(page: &str) -> String {
+    let void = |tag: &str| ["<meta ", "<link ", "<img "].iter().any(|start| tag.starts_with(start));
+    page.split_inclusive('>')
+        .map(|piece| {
+            let tag = piece.find('<').map_or("", |at| &piece[at..]);
+            if void(tag) { piece.replacen('>', "/>", 1) } else { piece.to_owned() }
+        })
+        .collect()
+}
+
+/// The page has its content in a browser and logs no error.
 #[test]
-fn a_browser_shows_the_page_without_complaint() {
+fn a_browser_shows_the_page_without_errors() {
     let Some(browser) = browser() else {
         eprintln!("skipped: no Chromium (set CHROMIUM to its program)");
         return;
@@ -502,12 +616,12 @@ fn a_browser_shows_the_page_without_complaint() {
         .arg(format!("file://{}", page.display()))
         .output()
         .unwrap();
-    let (dom, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(dom.contains("a.xml@bmw_320i") && dom.contains("<img alt=") && dom.contains("</table>"), "{dom}\n{said}");
-    assert!(!said.contains("CONSOLE"), "{said}");
+    let (dom, log) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(dom.contains("a.xml@bmw_320i") && dom.contains("<img alt=") && dom.contains("</table>"), "{dom}\n{log}");
+    assert!(!log.contains("CONSOLE"), "{log}");
 }
 
-/// A Chromium, if there is one.
+/// An installed Chromium.
 fn browser() -> Option<PathBuf> {
     if let Some(named) = std::env::var_os("CHROMIUM") {
         return Some(named.into());
@@ -518,14 +632,14 @@ fn browser() -> Option<PathBuf> {
 }
 
 #[test]
-fn a_replay_takes_the_settings_of_the_report_and_comes_to_the_same() {
+fn a_replay_reproduces_the_reported_hash() {
     let place = Place::new();
     let text = format!("[[drive]]\nscenarios = \"a.xml\"\nseeds = [4]\n{SECOND}");
     let suite = place.suite(&text);
     let summary = suite.run(&Options::default()).unwrap();
     let hash = summary.drives[0].hash().unwrap().to_owned();
     let report = place.write("report.json", &json(&[summary]));
-    // the suite has changed since
+    // the suite changed after the report
     let suite = place.suite(&text.replace("1.0", "1.5"));
     let replayed = |replay: &Replay| replay.drive(|_, result| result.hash).unwrap();
     let replay = suite.replay("a.xml@bmw_320i").unwrap();
@@ -535,35 +649,38 @@ fn a_replay_takes_the_settings_of_the_report_and_comes_to_the_same() {
     assert_eq!((replay.reported_hash(), replay.has_reported_inputs().unwrap()), (Some(hash.as_str()), true));
     assert_eq!(replayed(&replay), hash);
     assert!(replay.command(Path::new("my settings.toml")).ends_with("--config 'my settings.toml' --seed 4"));
-    // the scenario has changed since
+    // the scenario changed after the report
     let road = std::fs::read_to_string(place.path("a.xml")).unwrap();
     place.write("a.xml", &format!("{road}\n"));
     assert!(!replay.has_reported_inputs().unwrap());
 
-    let said = suite.replay("b.xml@bmw_320i").unwrap_err().to_string();
-    assert!(said.contains("did you mean `a.xml@bmw_320i`?"), "{said}");
+    let message = suite.replay("b.xml@bmw_320i").unwrap_err().to_string();
+    assert!(message.contains("did you mean `a.xml@bmw_320i`?"), "{message}");
+    let message = suite.replay("a.xml").unwrap_err().to_string();
+    assert!(message.contains("did you mean `a.xml@bmw_320i`?"), "the id contains the text: {message}");
+    assert_eq!(suite.replay("something_else").unwrap_err().to_string(), "no drive `something_else`");
     for (text, word) in [("{}", "not a report"), ("{", "EOF"), ("{\"format\": \"stopline.check/2\"}", "has no drive")] {
         let file = place.write("broken.json", text);
-        let said = suite.replay("a.xml@bmw_320i").unwrap().as_reported(&file).unwrap_err().to_string();
-        assert!(said.contains("broken.json") && said.contains(word), "{said}");
+        let message = suite.replay("a.xml@bmw_320i").unwrap().as_reported(&file).unwrap_err().to_string();
+        assert!(message.contains("broken.json") && message.contains(word), "{message}");
     }
 }
 
 #[test]
-fn a_panic_is_the_error_of_its_drive_and_a_fault_of_the_program() {
+fn a_panic_is_a_fault_of_the_program() {
     let place = Place::new();
     let suite = place.suite(&format!("[[drive]]\nscenarios = \"a.xml\"\n{SECOND}"));
     let case = &suite.cases[0];
-    let error = case.with_run(&case.settings, |_, _| -> () { panic!("a test of what a panic gives") }).unwrap_err();
+    let error = case.with_run(&case.settings, |_, _| -> () { panic!("a test panic") }).unwrap_err();
     assert_eq!(error.kind, ErrorKind::Fault);
-    assert!(error.message.contains("a test of what a panic gives"), "{error}");
+    assert!(error.message.contains("a test panic"), "{error}");
 }
 
-/// What `docs/suites.md` shows is what the program reads.
+/// The program reads every suite in `docs/suites.md`.
 #[test]
-fn the_suites_of_the_docs_can_be_read() {
+fn suites_in_the_docs_are_valid() {
     let docs = include_str!("../../docs/suites.md");
-    let suites: Vec<&str> = docs.split("```toml\n").skip(1).filter_map(|rest| rest.split("```").next()).collect();
+    let suites: Vec<&str> = docs.split("```toml\n").skip(1).filter_map(|block| block.split("```").next()).collect();
     assert!(suites.len() >= 2, "the docs show no suites");
     for text in suites {
         let read = crate::io::settings_file::parse::<super::suite::SuiteFile<crate::drive::Settings>>;
@@ -581,11 +698,11 @@ fn the_suites_of_the_docs_can_be_read() {
         "`repetitions`",
         "`expect`",
         "`checks`",
-        "`expected_fail`",
+        "`expected_failure`",
         "`limits`",
         "`tolerances`",
         "`baseline`",
     ] {
-        assert!(docs.contains(&format!("| {key} |")), "the docs do not tell {key}");
+        assert!(docs.contains(&format!("| {key} |")), "the docs lack {key}");
     }
 }

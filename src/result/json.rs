@@ -1,15 +1,15 @@
-//! The result as JSON, and its hash.
+//! The result of a run as JSON, with its hash.
 //!
-//! Numbers that are not finite are null. The hash is SHA-256 over the result's canonical JSON (keys sorted, no spaces,
-//! without times of the clock and without the hash) followed by the bits of every sampled state, so that equal hashes
-//! mean equal runs to the last bit. What only tells more of the same run (`--json-cycles`, the solution's fit) is not in
-//! the hash.
+//! Numbers that are not finite are null. The hash is SHA-256 over the canonical JSON of the result (keys sorted, no spaces,
+//! without wall-clock times and without the hash), followed by the bits of every sampled state: equal hashes mean equal runs to
+//! the last bit. Additional output about the same run (`--json-cycles`, the fit of the solution) is not in the hash.
 //!
-//! `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), every code always
-//! there; `planning.edges` counts lattice edges by what became of them ([`EdgeCounts`](crate::lattice::EdgeCounts)).
-//! `planning.robust_cycles` counts the cycles whose plan holds against all motions within the bounds of
-//! `planner.uncertainty`; it is there only if the settings ask for such proofs.
-//! `plan` lists the candidates of its one cycle; a drive has hundreds of cycles and lists them only if asked.
+//! `checks` has every check of the verdict, or is empty if nothing was driven; a check that does not apply has null for value
+//! and limit. `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), all of them;
+//! `planning.edges` counts lattice edges by their result ([`EdgeCounts`](crate::lattice::EdgeCounts)).
+//! `planning.robust_cycles` counts the cycles with a robust plan, proved for the reachable sets of other traffic within the
+//! bounds of `planner.uncertainty`; it is present only if the settings ask for such proofs. A plan lists the candidates of its
+//! one cycle; a drive has hundreds of cycles and lists them only on request.
 
 use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
@@ -20,7 +20,7 @@ use crate::planner::{Candidate, Cycle, Decision};
 use crate::simulation::Sample;
 use crate::verdict::Metrics;
 
-/// What does not depend on the clock, nor on which files are written; without the hash.
+/// The part that depends neither on the clock nor on the written files; without the hash.
 pub(super) fn result(
     kind: Kind,
     run: &Run,
@@ -64,10 +64,10 @@ pub(super) fn result(
             "edges": serde_json::to_value(&planning.edges).unwrap_or_default(),
         }),
     );
-    if let (Some(count), Some(told)) =
+    if let (Some(count), Some(planning)) =
         (planning.robust_cycles, result.get_mut("planning").and_then(Value::as_object_mut))
     {
-        told.insert("robust_cycles".into(), json!(count));
+        planning.insert("robust_cycles".into(), json!(count));
     }
     let mut put = |key: &str, value: Value| result.insert(key.to_owned(), value);
     if run.faults.is_any() {
@@ -81,12 +81,12 @@ pub(super) fn result(
     result
 }
 
-/// The result's `planning` with the times of the wall clock, which its hash does not see.
+/// Adds wall-clock times to `planning` of the result. They are not in the hash.
 pub(crate) fn add_times(result: &mut Map<String, Value>, planning: &Planning) {
-    if let Some(told) = result.get_mut("planning").and_then(Value::as_object_mut) {
+    if let Some(object) = result.get_mut("planning").and_then(Value::as_object_mut) {
         let times = |Times { median, p99, max }: Times| json!({ "median": median, "p99": p99, "max": max });
-        told.insert("time_ms".into(), times(planning.time_ms));
-        told.insert("smoothing_ms".into(), times(planning.smoothing_ms));
+        object.insert("time_ms".into(), times(planning.time_ms));
+        object.insert("smoothing_ms".into(), times(planning.smoothing_ms));
     }
 }
 
@@ -96,7 +96,7 @@ fn rejections(planning: &Planning) -> Value {
     Value::Object(counted.map(|(why, count)| (why.code().to_owned(), json!(count))).collect())
 }
 
-/// A planning cycle with its candidates, for who asks for all of them.
+/// A planning cycle with its candidates, for `--json-cycles`.
 pub(crate) fn cycle(cycle: &Cycle) -> Value {
     let deceleration = match cycle.decision {
         Decision::NewPlan { deceleration } => Some(deceleration),
@@ -105,14 +105,15 @@ pub(crate) fn cycle(cycle: &Cycle) -> Value {
     json!({
         "time_s": cycle.time,
         "decision": cycle.decision.name(),
+        "summary": cycle.summary(),
         "deceleration_mps2": deceleration,
-        "robust_cycles": cycle.is_robust,
+        "robust": cycle.is_robust,
         "expansions": cycle.expansions,
         "candidates": candidates(cycle),
     })
 }
 
-/// The candidates of a cycle in the order in which they were looked at. Exactly one that is not rejected: the chosen one.
+/// The candidates of a cycle in the order of their evaluation. Only the chosen one is not rejected.
 fn candidates(cycle: &Cycle) -> Value {
     let one = |c: &Candidate| {
         let end = c.path.at(c.path.length()).pose.position;
@@ -140,6 +141,7 @@ fn checks(run: &Run) -> Value {
             "unit": c.unit,
             "at_time": c.at_time,
             "note": c.note,
+            "method": c.method,
         })
     };
     run.verdict.checks.iter().map(check).collect()
@@ -150,11 +152,13 @@ fn issues(run: &Run) -> Value {
     run.scenario.issues.iter().map(issue).collect()
 }
 
-/// The committed plan with its proof: null if there is none.
+/// The committed plan with its proof; null if there is none.
 fn plan(run: &Run, samples: &[Sample]) -> Value {
-    /// Samples told per planned one: a tenth of a second.
+    /// Every tenth sample is listed: one in 0.1 s.
     const EVERY: usize = 10;
-    let Some(Decision::NewPlan { deceleration }) = run.cycles.last().map(|c| c.decision) else { return Value::Null };
+    let Some(Decision::NewPlan { deceleration }) = super::planned_cycle(run).map(|c| c.decision) else {
+        return Value::Null;
+    };
     let state = |s: &Sample| {
         json!({
             "time_s": s.time,
@@ -168,15 +172,15 @@ fn plan(run: &Run, samples: &[Sample]) -> Value {
         })
     };
     let last = samples.len().saturating_sub(1);
-    let told = samples.iter().enumerate().filter(|(i, _)| i % EVERY == 0 || *i == last);
+    let listed = samples.iter().enumerate().filter(|(i, _)| i % EVERY == 0 || *i == last);
     json!({
         "proof": { "deceleration_mps2": deceleration, "ends_at_standstill": samples.last().is_some_and(|s| s.speed == 0.0) },
         "reference_point": "rear axle",
-        "states": told.map(|(_, s)| state(s)).collect::<Vec<_>>(),
+        "states": listed.map(|(_, s)| state(s)).collect::<Vec<_>>(),
     })
 }
 
-/// SHA-256 over the canonical JSON and the bits of the states, in hexadecimal.
+/// SHA-256 over the canonical JSON and the bits of the states, as hexadecimal text.
 pub(crate) fn hash(result: &Value, samples: &[Sample]) -> String {
     let mut hasher = Sha256::new();
     hasher.update(canonical(result).to_string());
@@ -198,7 +202,7 @@ pub(crate) fn hash(result: &Value, samples: &[Sample]) -> String {
     hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// The value with the keys of every object sorted, whichever map serde_json was built with.
+/// The value with the keys of every object sorted, independent of the map type of serde_json.
 fn canonical(value: &Value) -> Value {
     match value {
         Value::Object(map) => {
@@ -241,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hash_sees_the_last_bit_of_a_state_and_not_the_order_of_keys() {
+    fn the_hash_depends_on_every_bit_of_a_state_and_not_on_the_order_of_keys() {
         let value = json!({ "a": 1, "b": { "d": [1.5, null], "c": 2 } });
         let turned: Value = serde_json::from_str(r#"{"b":{"c":2,"d":[1.5,null]},"a":1}"#).unwrap();
         assert_eq!(hash(&value, &[sample(1.0)]), hash(&turned, &[sample(1.0)]));
@@ -251,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_null() {
+    fn numbers_that_are_not_finite_are_null() {
         assert_eq!(json!({ "a": f64::NAN, "b": f64::INFINITY }), json!({ "a": null, "b": null }));
     }
 }

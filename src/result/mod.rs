@@ -1,7 +1,7 @@
-//! What is said of a run: whether it is a success, its figures, and all of that as JSON with a hash.
+//! The result of a run: whether it passes, its metrics, and both as JSON with a hash.
 //!
-//! The command line prints it and [`crate::regression`] keeps it; both say the same of the same run. What the wall clock
-//! measures stands apart ([`Planning::time_ms`], [`Planning::smoothing_ms`]): it is in no hash.
+//! The command line prints it and [`crate::regression`] stores it. Wall-clock times are separate ([`Planning::time_ms`],
+//! [`Planning::smoothing_ms`]): no hash contains them.
 
 pub(crate) mod json;
 
@@ -12,12 +12,12 @@ use serde_json::{Map, Value, json};
 use crate::bench::quantile;
 use crate::drive::{Outcome, Run, Settings};
 use crate::lattice::EdgeCounts;
-use crate::planner::{Cycle, Decision, Rejection, Smoothing, UncertaintyMode};
+use crate::planner::{Cycle, Decision, NoLane, Rejection, Smoothing, UncertaintyMode};
 use crate::simulation::{Log, Sample};
 use crate::speed::{smoothing, tail};
 use crate::verdict::{self, Metrics};
 
-/// What was run.
+/// The kind of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// A single planning cycle.
@@ -26,23 +26,23 @@ pub enum Kind {
     Drive,
 }
 
-/// What a run comes to.
+/// The result of a run.
 #[derive(Debug, Clone)]
 pub struct RunResult {
-    /// Whether it is a success.
+    /// Whether the run passes.
     pub pass: bool,
-    /// Figures of what was driven.
+    /// Metrics of the driven motion.
     pub metrics: Metrics,
-    /// Figures of planning.
+    /// Metrics of planning.
     pub planning: Planning,
-    /// SHA-256 of the result and of every sampled state, in hexadecimal: equal hashes mean equal runs to the last bit.
+    /// SHA-256 of the result and of every sampled state, as hexadecimal text: equal hashes mean equal runs to the last bit.
     pub hash: String,
-    /// All of it, in the format `stopline.drive/2` or `stopline.plan/2`, without times of the wall clock.
+    /// The whole result in the format `stopline.drive/2` or `stopline.plan/2`, without wall-clock times.
     pub json: Map<String, Value>,
 }
 
 impl RunResult {
-    /// Everything that is said of a run. `settings` are those that it was made with; `seed` is kept in the result.
+    /// The result of a run that was made with `settings`. The JSON contains `seed`.
     #[must_use]
     pub fn new(kind: Kind, run: &Run, settings: &Settings, seed: u64) -> Self {
         let metrics = verdict::metrics(run.scenario, run.vehicle, &run.cycles, &run.log, &settings.verdict);
@@ -55,57 +55,66 @@ impl RunResult {
         }
         let hash = json::hash(&json.clone().into(), &samples);
         json.insert("hash".into(), hash.clone().into());
+        if let Some(detail) = reason_detail(run) {
+            json.insert("reason_detail".into(), detail.into());
+        }
         Self { pass, metrics, planning, hash, json }
     }
 }
 
-/// Figures of planning.
+/// Positions and lanelets behind the reason of a run that has no lane to drive on, as a sentence.
+pub(crate) fn reason_detail(run: &Run) -> Option<String> {
+    let reason = NoLane::ALL.into_iter().find(|reason| Some(reason.code()) == run.reason)?;
+    reason.detail(run.scenario, run.problem)
+}
+
+/// Metrics of planning.
 #[derive(Debug, Clone)]
 pub struct Planning {
     /// Cycles planned.
     pub cycles: usize,
-    /// Those along a plan whose stop is proven.
+    /// Cycles with a proven plan.
     pub proven_cycles: usize,
-    /// Those whose chain of edges was refined as a whole.
+    /// Cycles whose path was refined.
     pub refined_cycles: usize,
-    /// Cycles whose plan is proven against all motions within the bounds; `None` if the settings ask for no such proof.
+    /// Cycles with a robust plan, proved for the reachable sets of other traffic; `None` if the settings ask for no such proof.
     pub robust_cycles: Option<usize>,
     /// States expanded by the speed search.
     pub expansions: usize,
-    /// Paths looked at.
+    /// Evaluated paths.
     pub candidates: usize,
-    /// How many candidates were rejected, by reason, in the order of [`Rejection::ALL`].
+    /// Number of rejected candidates by reason, in the order of [`Rejection::ALL`].
     pub rejections: Vec<(Rejection, usize)>,
-    /// What became of the lattice edges looked at.
+    /// Evaluated lattice edges by result.
     pub edges: EdgeCounts,
-    /// Cycles by what became of the smoothing of the profile in force.
+    /// Cycles by the smoothing of the committed profile.
     pub smoothing: BTreeMap<&'static str, usize>,
-    /// Cycles whose profile in force is unsmoothed, by reason.
+    /// Cycles whose committed profile is unsmoothed, by reason.
     pub unsmoothed: BTreeMap<&'static str, usize>,
-    /// Cycles whose profile in force creeps to its rest.
+    /// Cycles whose committed profile creeps to standstill.
     pub creeping_cycles: usize,
-    /// Of whole cycles.
+    /// Times of whole cycles.
     pub time_ms: Times,
-    /// Of smoothing and its proof alone, in the cycles with a new plan.
+    /// Times of smoothing and its proof alone, in cycles with a new plan.
     pub smoothing_ms: Times,
 }
 
 /// Wall-clock times of the planning cycles, ms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Times {
-    /// Half of the cycles took no longer.
+    /// Median.
     pub median: f64,
-    /// Ninety-nine in a hundred took no longer.
+    /// 99th percentile.
     pub p99: f64,
-    /// The longest.
+    /// Maximum.
     pub max: f64,
 }
 
-/// A plan is a success when its stop is proven, a drive when it was judged, every check held, and it came to an end that
-/// is not a failure in itself.
+/// A plan passes if its stop is proven and it does not start in a collision. A drive passes if it was judged, no check failed,
+/// and its outcome is not a failure in itself.
 fn passes(kind: Kind, run: &Run) -> bool {
     match kind {
-        Kind::Plan => run.outcome == Outcome::Planned,
+        Kind::Plan => planned_cycle(run).is_some(),
         Kind::Drive => {
             let failed = matches!(run.outcome, Outcome::NoSafePlan | Outcome::Collision | Outcome::TimedOut);
             !failed && !run.verdict.checks.is_empty() && run.verdict.pass()
@@ -128,7 +137,7 @@ fn planning(run: &Run, settings: &Settings) -> Planning {
     run.cycles.iter().for_each(|c| edges.add(&c.edges));
     let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
     let comfortable = run.vehicle.comfort.deceleration;
-    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::PATIENCE;
+    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::MAX_CREEPING_TIME;
     Planning {
         rejections: Rejection::ALL.map(rejected).to_vec(),
         edges,
@@ -155,7 +164,7 @@ impl Times {
     }
 }
 
-/// What was driven; for a plan, what is planned, as if it were driven exactly.
+/// The driven motion; for a plan, the planned motion, as if it were driven exactly.
 #[must_use]
 pub fn driven(kind: Kind, run: &Run) -> Log {
     match kind {
@@ -164,10 +173,16 @@ pub fn driven(kind: Kind, run: &Run) -> Log {
     }
 }
 
+/// The cycle of a plan with a proven stop.
+fn planned_cycle<'r>(run: &'r Run) -> Option<&'r Cycle> {
+    let has_plan = matches!(run.outcome, Outcome::Planned | Outcome::AlreadyAtGoal) && run.is_ever_proven();
+    run.cycles.last().filter(|_| has_plan)
+}
+
 fn planned(run: &Run) -> Log {
     /// Time between two samples, s.
     const INTERVAL: f64 = 0.01;
-    let Some(cycle) = run.cycles.last().filter(|_| run.outcome == Outcome::Planned) else { return Log::default() };
+    let Some(cycle) = planned_cycle(run) else { return Log::default() };
     let (start, end) = (cycle.committed.start_time, cycle.committed.end_time());
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a plan of seconds
     let count = ((end - start) / INTERVAL).ceil().clamp(0.0, 1e6) as usize;

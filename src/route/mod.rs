@@ -10,6 +10,7 @@
 //! driven round to: it counts as reached lanelet, with a goal station behind the vehicle.
 
 mod chain;
+pub mod explain;
 mod goal;
 mod graph;
 

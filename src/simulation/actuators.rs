@@ -1,16 +1,17 @@
-//! Steering, drive and brakes: what the commands become after lag and limits.
+//! Steering, drive and brakes: the response of the actuators to commands, with lags and limits.
 //!
-//! Steering is a position servo with a first-order lag, a rate limit and an acceleration limit; near its target the rate
-//! is held below √(2 a |error|), the fastest from which it can still stop, so it does not overshoot. Drive and brakes are
-//! first-order lags on the force, clipped to what the vehicle can give: the drive by its largest acceleration and, above
-//! the switching speed, by its power (a·v constant; Althoff and Würsching 2020, equation 4); the brakes by theirs.
+//! Steering is a position servo with a first-order lag, a rate limit and an acceleration limit. Near its setpoint the
+//! rate is limited to √(2 a |error|), the largest rate from which it can still stop in time, so it does not overshoot.
+//! Drive and brakes are first-order lags on the force, clipped to the vehicle's limits: the drive to its largest
+//! acceleration and, above the switching speed, to its power (a·v constant; Althoff and Würsching 2020, equation 4);
+//! the brakes to their largest deceleration.
 
 use crate::vehicle::Vehicle;
 
-/// What is asked of the vehicle.
+/// A command to steering, drive and brakes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Command {
-    /// Force of drive (positive) or brakes (negative) over the vehicle's mass, m/s². Resistance comes on top of it.
+    /// Force of drive (positive) or brakes (negative) over the vehicle's mass, m/s². Resistance acts in addition to it.
     pub acceleration: f64,
     /// Steering angle of the virtual middle front wheel, rad.
     pub steering: f64,
@@ -29,9 +30,9 @@ pub(super) struct ActuatorState {
 }
 
 impl ActuatorState {
-    /// Actuators that have given `acceleration` (force over mass) and held the `steering` for long.
+    /// Actuators in steady state at an acceleration (force over mass) and a steering angle.
     pub(super) fn settled(vehicle: &Vehicle, acceleration: f64, steering: f64, speed: f64) -> Self {
-        let [drive, brake] = wanted_forces(vehicle, acceleration, speed);
+        let [drive, brake] = force_setpoints(vehicle, acceleration, speed);
         let steering = steering.clamp(-vehicle.limits.steering, vehicle.limits.steering);
         Self { steering, steering_rate: 0.0, drive, brake }
     }
@@ -39,8 +40,8 @@ impl ActuatorState {
     /// Advances by `dt` seconds towards the command.
     pub(super) fn step(&mut self, vehicle: &Vehicle, command: &Command, speed: f64, dt: f64) {
         self.step_steering(vehicle, command.steering, dt);
-        let [drive, brake] = wanted_forces(vehicle, command.acceleration, speed);
-        let approach = |now: f64, wanted: f64, lag: f64| wanted + (now - wanted) * (-dt / lag).exp();
+        let [drive, brake] = force_setpoints(vehicle, command.acceleration, speed);
+        let approach = |now: f64, setpoint: f64, lag: f64| setpoint + (now - setpoint) * (-dt / lag).exp();
         self.drive = approach(self.drive, drive, vehicle.actuators.drive_lag).min(drive_limit(vehicle, speed));
         self.brake = approach(self.brake, brake, vehicle.actuators.brake_lag);
     }
@@ -48,23 +49,23 @@ impl ActuatorState {
     fn step_steering(&mut self, vehicle: &Vehicle, command: f64, dt: f64) {
         let limits = &vehicle.limits;
         let error = command.clamp(-limits.steering, limits.steering) - self.steering;
-        let stoppable = (2.0 * limits.steering_acceleration * error.abs()).sqrt();
-        let fastest = limits.steering_rate.min(stoppable);
-        let rate = (error / vehicle.actuators.steering_lag).clamp(-fastest, fastest);
+        let stopping_rate = (2.0 * limits.steering_acceleration * error.abs()).sqrt();
+        let max_rate = limits.steering_rate.min(stopping_rate);
+        let rate = (error / vehicle.actuators.steering_lag).clamp(-max_rate, max_rate);
         let change = limits.steering_acceleration * dt;
         self.steering_rate += (rate - self.steering_rate).clamp(-change, change);
         self.steering = (self.steering + self.steering_rate * dt).clamp(-limits.steering, limits.steering);
     }
 }
 
-/// Forces of drive and brakes for an acceleration, inside their limits, N.
-fn wanted_forces(vehicle: &Vehicle, acceleration: f64, speed: f64) -> [f64; 2] {
+/// Force setpoints of drive and brakes for an acceleration, within their limits, N.
+fn force_setpoints(vehicle: &Vehicle, acceleration: f64, speed: f64) -> [f64; 2] {
     let drive = (vehicle.mass * acceleration.max(0.0)).min(drive_limit(vehicle, speed));
     let brake = vehicle.mass * (-acceleration).max(0.0).min(vehicle.limits.deceleration);
     [drive, brake]
 }
 
-/// Largest force of the drive at a speed, N. None at top speed.
+/// Largest force of the drive at a speed, N. Zero at top speed.
 fn drive_limit(vehicle: &Vehicle, speed: f64) -> f64 {
     let limits = &vehicle.limits;
     if speed >= limits.speed {
@@ -92,22 +93,22 @@ mod tests {
     #[test]
     fn each_actuator_has_its_own_time_constant() {
         let v = bmw();
-        let rest = ActuatorState::settled(&v, 0.0, 0.0, 5.0);
-        let mut a = rest;
+        let idle = ActuatorState::settled(&v, 0.0, 0.0, 5.0);
+        let mut a = idle;
         let drive = time_constant(v.mass, || {
             a.step(&v, &Command { acceleration: 1.0, steering: 0.0 }, 5.0, DT);
             a.drive
         });
         assert!((drive - v.actuators.drive_lag).abs() <= 2.0 * DT, "{drive}");
-        let mut a = rest;
+        let mut a = idle;
         let brake = time_constant(v.mass, || {
             a.step(&v, &Command { acceleration: -1.0, steering: 0.0 }, 5.0, DT);
             a.brake
         });
         assert!((brake - v.actuators.brake_lag).abs() <= 2.0 * DT, "{brake}");
-        // small enough that neither the rate nor the acceleration limit bites
+        // small enough that neither the rate nor the acceleration limit is active
         let small = 1e-6;
-        let mut a = rest;
+        let mut a = idle;
         let steering = time_constant(small, || {
             a.step(&v, &Command { acceleration: 0.0, steering: small }, 5.0, DT);
             a.steering
@@ -116,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn steering_keeps_its_rate_and_acceleration_and_does_not_overshoot() {
+    fn steering_respects_its_limits_and_does_not_overshoot() {
         let v = bmw();
         for target in [0.02, 0.3, 1.0, 5.0] {
             let mut a = ActuatorState::settled(&v, 0.0, 0.0, 5.0);
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn drive_is_limited_by_power_above_the_switching_speed_and_brakes_by_theirs() {
+    fn drive_and_brakes_respect_their_limits() {
         let v = bmw();
         let force = |speed: f64, acceleration: f64| {
             let a = ActuatorState::settled(&v, acceleration, 0.0, speed);

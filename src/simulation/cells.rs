@@ -1,9 +1,9 @@
 //! Occupied cells of a grid as colliders, near the vehicle only.
 //!
-//! Grids have millions of cells, and the vehicle meets a few hundred. Neighbouring cells are merged to rectangles, all
-//! of them on one fixed body, in a window around the vehicle; the window is larger than what the vehicle can reach until
-//! the next review by [`SLACK`], and is laid anew when the vehicle has come so far. So no contact is ever missed, and
-//! the cost depends on the window, not on the grid.
+//! Grids have millions of cells, and the vehicle meets a few hundred of them. Neighbouring cells are merged into
+//! rectangles on one fixed body, within a window around the vehicle. The window exceeds by [`SLACK`] what the vehicle
+//! can reach until the next review, and is rebuilt once the vehicle has moved that far. Therefore no contact is missed,
+//! and the cost depends on the window, not on the grid.
 
 use rapier2d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
 use rapier2d::geometry::SharedShape;
@@ -14,10 +14,10 @@ use super::physics::Physics;
 use crate::geometry::Point;
 use crate::map::{Cell, OccupancyGrid};
 
-/// User data of the colliders of cells; obstacles count from 0.
+/// User data of the cells' colliders; those of obstacles count from 0.
 pub(super) const CELL: u128 = u128::MAX;
 
-/// How far the vehicle may go before the window is laid anew, m.
+/// Distance that the vehicle may move before the window is rebuilt, m.
 const SLACK: f64 = 5.0;
 
 /// The occupied cells of a world.
@@ -27,7 +27,7 @@ pub(super) struct Cells {
     window: Option<Window>,
 }
 
-/// Where the cells have colliders.
+/// The region in which the cells have colliders.
 #[derive(Clone, Copy)]
 struct Window {
     centre: Point,
@@ -36,12 +36,12 @@ struct Window {
 }
 
 impl Cells {
-    /// The grid's cells, none of which has a collider yet.
+    /// The grid's cells, without colliders yet.
     pub(super) fn new(grid: &OccupancyGrid) -> Self {
         Self { grid: grid.clone(), window: None }
     }
 
-    /// Sees to it that all occupied cells within `reach` of a position have colliders.
+    /// Ensures that all occupied cells within `reach` of a position have colliders.
     pub(super) fn review(&mut self, physics: &mut Physics, frame: &Frame, position: Point, reach: f64) {
         if self.window.is_some_and(|w| (position - w.centre).norm() + reach <= w.radius) {
             return;

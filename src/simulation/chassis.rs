@@ -1,16 +1,17 @@
-//! The running gear: four wheels under a rigid body, and the force and torque they give it.
+//! The running gear: four wheels under a rigid body, and the force and torque they exert on it.
 //!
-//! Each wheel has its own spin, driven and braked, and a [`Tyre`]. Brakes and rolling resistance are dry friction on the
-//! spin: they can stop a wheel and hold it, never turn it, so brakes never push the vehicle backwards. A held wheel and
-//! the spring of its tyre hold a parked car.
+//! Each wheel has a spin, driven and braked, and a [`Tyre`]. Brakes and rolling resistance are dry friction on the
+//! spin: they can stop a wheel and keep it locked but never turn it, so brakes never push the vehicle backwards. A
+//! locked wheel and the spring of its tyre hold a parked car.
 //!
-//! Vertical loads are quasi-static: the static load, plus what the filtered accelerations shift between the axles
-//! (m a_x h / L) and between the sides (m a_y h / track, split between the axles as the weight is). Lift-off is clipped
-//! at zero load. An ideal anti-lock and traction control keeps each wheel's torque inside what its tyre can carry beside
-//! its present side force, and brake force that one axle cannot take goes to the other one.
+//! Vertical loads are quasi-static: the static load, plus the load that the filtered accelerations transfer between the
+//! axles (m a_x h / L) and between the sides (m a_y h / track, split between the axles in proportion to the weight).
+//! Loads are clipped at zero (lift-off). An ideal anti-lock and traction control limits each wheel's torque to what its
+//! tyre can transmit in addition to its current side force; brake force that one axle cannot transmit goes to the other
+//! one.
 //!
-//! Weak where: no suspension, so no roll or pitch motion; both axles have the mean track; wheel spin has no gyroscopic
-//! effect; loads do not follow the road (the world is flat).
+//! Limitations: no suspension, so no roll or pitch motion; both axles have the mean track width; the wheels' spin has
+//! no gyroscopic effect; the road is flat.
 
 use crate::vehicle::Vehicle;
 
@@ -21,10 +22,10 @@ use super::tyre::{Patch, Tyre};
 pub const GRAVITY: f64 = 9.806_65;
 /// Time constant of the load transfer, s: that of a car's body on its springs.
 const LOAD_LAG: f64 = 0.05;
-/// Share of a tyre's grip up to which anti-lock and traction control let a torque go.
+/// Share of a tyre's grip that anti-lock and traction control allow a torque to use.
 const GRIP_CONTROL: f64 = 0.98;
 
-/// Motion of the body, in its own frame at the centre of mass.
+/// Motion of the body, in the body frame at the centre of mass.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     /// Speed forward, m/s.
@@ -35,7 +36,7 @@ pub(super) struct Motion {
     pub(super) yaw_rate: f64,
 }
 
-/// Force and torque on the body, in its own frame at the centre of mass.
+/// Force and torque on the body, in the body frame at the centre of mass.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Wrench {
     /// Force forward, N.
@@ -63,12 +64,13 @@ pub(super) struct RunningGear {
     load_acceleration: [f64; 2],
     /// Friction coefficient under each wheel.
     friction: [f64; 4],
-    /// Whether torques are kept inside the tyres' grip.
+    /// Whether torques are limited to the tyres' grip.
     anti_lock: bool,
 }
 
 impl RunningGear {
-    /// Wheels that roll freely at a speed, on a road whose friction is scaled.
+    /// Wheels that roll without slip at a speed (m/s), with loads for an acceleration (m/s²), on a road with scaled
+    /// friction.
     pub(super) fn rolling(vehicle: &Vehicle, speed: f64, acceleration: f64, friction_scale: f64) -> Self {
         let wheel = Wheel { spin: speed / vehicle.wheel_radius, ..Wheel::default() };
         Self {
@@ -79,17 +81,17 @@ impl RunningGear {
         }
     }
 
-    /// The same without anti-lock and traction control.
+    /// Switches off anti-lock and traction control.
     pub(super) fn without_anti_lock(self) -> Self {
         Self { anti_lock: false, ..self }
     }
 
     /// Sets the friction coefficient under each wheel.
-    pub(super) fn stand_on(&mut self, friction: [f64; 4]) {
+    pub(super) fn set_friction(&mut self, friction: [f64; 4]) {
         self.friction = friction;
     }
 
-    /// Advances the wheels by `dt` seconds; returns what acts on the body meanwhile.
+    /// Advances the wheels by `dt` seconds; returns the mean force and torque on the body in that time.
     pub(super) fn step(&mut self, vehicle: &Vehicle, actuators: &ActuatorState, motion: &Motion, dt: f64) -> Wrench {
         let loads = self.loads(vehicle);
         let drive = split_drive(vehicle, actuators.drive, &self.grip(vehicle, &loads, 1.0));
@@ -101,19 +103,19 @@ impl RunningGear {
             let (x, y) = wheel_position(vehicle, i);
             let (sin, cos) = angles[i].sin_cos();
             let (hub_x, hub_y) = (motion.forward - motion.yaw_rate * y, motion.left + motion.yaw_rate * x);
-            let (along, across) = (hub_x * cos + hub_y * sin, hub_y * cos - hub_x * sin);
+            let (longitudinal, lateral) = (hub_x * cos + hub_y * sin, hub_y * cos - hub_x * sin);
             let wheel = &mut self.wheels[i];
             let patch = Patch {
-                rolling: along,
-                sliding: [along - wheel.spin * vehicle.wheel_radius, across],
+                rolling: longitudinal,
+                sliding: [longitudinal - wheel.spin * vehicle.wheel_radius, lateral],
                 load: loads[i],
                 friction: self.friction[i],
                 stiffness: [tyres.longitudinal, if i < 2 { tyres.cornering_front } else { tyres.cornering_rear }],
             };
             let [fx, fy] = wheel.tyre.step(tyres, &patch, dt);
             wheel.side_force = fy;
-            let resisting = brake[i] + tyres.rolling_resistance * loads[i];
-            wheel.spin = spun(vehicle, wheel.spin, drive[i] - fx, resisting, dt);
+            let resistance = brake[i] + tyres.rolling_resistance * loads[i];
+            wheel.spin = spin_after(vehicle, wheel.spin, drive[i] - fx, resistance, dt);
             let (forward, left) = (fx * cos - fy * sin, fx * sin + fy * cos);
             wrench.forward += forward;
             wrench.left += left;
@@ -134,17 +136,19 @@ impl RunningGear {
         let (m, h, base) = (vehicle.mass, vehicle.mass_height, vehicle.wheelbase);
         let [ax, ay] = self.load_acceleration;
         let front_share = vehicle.rear_axle_to_mass / base;
-        let shifted = m * ax * h / base;
+        let axle_transfer = m * ax * h / base;
         [0, 1, 2, 3].map(|i| {
-            let (share, axle_shift) = if i < 2 { (front_share, -shifted) } else { (1.0 - front_share, shifted) };
-            let side_shift = share * m * ay * h / vehicle.track_width;
+            let (share, transfer) =
+                if i < 2 { (front_share, -axle_transfer) } else { (1.0 - front_share, axle_transfer) };
+            let side_transfer = share * m * ay * h / vehicle.track_width;
             let left = i % 2 == 0;
-            (0.5 * (share * m * GRAVITY + axle_shift) + if left { -side_shift } else { side_shift }).max(0.0)
+            (0.5 * (share * m * GRAVITY + transfer) + if left { -side_transfer } else { side_transfer }).max(0.0)
         })
     }
 
-    /// Force at the tread (forward for `direction` 1, backward for −1) that each wheel can use, N: what the tyre can
-    /// carry beside its side force, and what the spin itself takes up. No bound without anti-lock and traction control.
+    /// Force at the tread (forward for `direction` 1, backward for −1) available to each wheel, N: what the tyre can
+    /// transmit in addition to its side force, and what the spin itself absorbs. Unbounded without anti-lock and
+    /// traction control.
     fn grip(&self, vehicle: &Vehicle, loads: &[f64; 4], direction: f64) -> [f64; 4] {
         if !self.anti_lock {
             return [f64::INFINITY; 4];
@@ -152,8 +156,8 @@ impl RunningGear {
         let spin =
             vehicle.wheel_inertia / vehicle.wheel_radius.powi(2) * (direction * self.load_acceleration[0]).max(0.0);
         [0, 1, 2, 3].map(|i| {
-            let whole = GRIP_CONTROL * self.friction[i] * loads[i];
-            (whole * whole - self.wheels[i].side_force.powi(2)).max(0.0).sqrt() + spin
+            let grip = GRIP_CONTROL * self.friction[i] * loads[i];
+            (grip * grip - self.wheels[i].side_force.powi(2)).max(0.0).sqrt() + spin
         })
     }
 
@@ -164,25 +168,25 @@ impl RunningGear {
     }
 }
 
-/// Position of a wheel against the centre of mass: forward, left, m.
+/// Position of a wheel relative to the centre of mass: forward, left, m.
 pub(super) fn wheel_position(vehicle: &Vehicle, wheel: usize) -> (f64, f64) {
     let x = if wheel < 2 { vehicle.wheelbase - vehicle.rear_axle_to_mass } else { -vehicle.rear_axle_to_mass };
     let y = 0.5 * vehicle.track_width;
     (x, if wheel.is_multiple_of(2) { y } else { -y })
 }
 
-/// Ackermann steering: the front wheels' axes meet on the rear axle's line.
+/// Ackermann steering: the front wheels' axes meet on the rear axle's line. Angles in the order of the wheels, rad.
 fn steering_angles(vehicle: &Vehicle, middle: f64) -> [f64; 4] {
     let (tan, base, half) = (middle.tan(), vehicle.wheelbase, 0.5 * vehicle.track_width);
     [(base * tan).atan2(base - half * tan), (base * tan).atan2(base + half * tan), 0.0, 0.0]
 }
 
-/// Spin after `dt` under a force at the tread and a resisting dry friction (N at the tread), which can stop it but not
-/// turn it.
-fn spun(vehicle: &Vehicle, spin: f64, force: f64, resisting: f64, dt: f64) -> f64 {
+/// Spin after `dt` seconds under a force at the tread and a dry friction (N at the tread). The friction can stop the
+/// spin but not reverse it.
+fn spin_after(vehicle: &Vehicle, spin: f64, force: f64, resistance: f64, dt: f64) -> f64 {
     let change = dt * vehicle.wheel_radius / vehicle.wheel_inertia;
     let free = spin + force * change;
-    let friction = resisting * change;
+    let friction = resistance * change;
     if free.abs() <= friction { 0.0 } else { free - friction.copysign(free) }
 }
 
@@ -192,7 +196,7 @@ fn split_drive(vehicle: &Vehicle, force: f64, grip: &[f64; 4]) -> [f64; 4] {
     [0, 1, 2, 3].map(|i| (0.5 * force * if i < 2 { front } else { 1.0 - front }).min(grip[i]))
 }
 
-/// The brakes' force at each wheel, N.
+/// The brakes' force at each wheel, N: by the brake balance, the excess of one axle over its grip going to the other one.
 fn split_brake(vehicle: &Vehicle, force: f64, grip: &[f64; 4]) -> [f64; 4] {
     let share = vehicle.actuators.brake_front_share;
     let (front_grip, rear_grip) = (grip[0] + grip[1], grip[2] + grip[3]);
@@ -203,7 +207,7 @@ fn split_brake(vehicle: &Vehicle, force: f64, grip: &[f64; 4]) -> [f64; 4] {
     let rear = (force - front).min(rear_grip);
     [0, 1, 2, 3].map(|i| {
         let (axle, axle_grip) = if i < 2 { (front, front_grip) } else { (rear, rear_grip) };
-        // evenly, but no wheel above its grip: what one side cannot take, the other one takes
+        // evenly, but no wheel above its grip: the other side gets the excess
         let other = axle_grip - grip[i];
         (0.5 * axle).max(axle - other).min(grip[i])
     })
@@ -219,7 +223,7 @@ mod tests {
         vehicle::load("bmw_320i").unwrap()
     }
 
-    /// Integrates the body in its own frame (semi-implicit Euler), without a physics engine.
+    /// Integrates the body in the body frame (semi-implicit Euler), without a physics engine.
     fn advance(v: &Vehicle, gear: &mut RunningGear, actuators: &ActuatorState, m: &mut Motion, dt: f64) -> Wrench {
         let w = gear.step(v, actuators, m, dt);
         let (ax, ay) = (w.forward / v.mass + m.yaw_rate * m.left, w.left / v.mass - m.yaw_rate * m.forward);
@@ -244,7 +248,7 @@ mod tests {
         let mut gear = RunningGear::rolling(&v, 10.0, -5.0, 1.0);
         gear.load_acceleration[1] = 3.0;
         let loads = gear.loads(&v);
-        assert!((loads.iter().sum::<f64>() - v.mass * GRAVITY).abs() < 1e-9, "the weight stays");
+        assert!((loads.iter().sum::<f64>() - v.mass * GRAVITY).abs() < 1e-9, "the total weight is unchanged");
         let front = loads[0] + loads[1];
         let expected = v.mass * (GRAVITY * v.rear_axle_to_mass + 5.0 * v.mass_height) / v.wheelbase;
         assert!((front - expected).abs() < 1e-9, "{front} {expected}");
@@ -268,7 +272,7 @@ mod tests {
     #[test]
     fn steady_turn_has_the_yaw_rate_of_the_single_track_model() {
         let v = bmw();
-        let gravity_share = 1.0 / v.tyres.cornering_front - 1.0 / v.tyres.cornering_rear;
+        let understeer = 1.0 / v.tyres.cornering_front - 1.0 / v.tyres.cornering_rear;
         for (speed, steering) in [(5.0, 0.05), (12.0, 0.02), (20.0, 0.01), (20.0, -0.01)] {
             let mut gear = RunningGear::rolling(&v, speed, 0.0, 1.0);
             let mut m = Motion { forward: speed, left: 0.0, yaw_rate: 0.0 };
@@ -277,8 +281,8 @@ mod tests {
                 advance(&v, &mut gear, &actuators, &mut m, 1e-3);
                 m.forward = speed; // an ideal cruise control
             }
-            // r = v δ / (L + (1/c_f − 1/c_r) v²/g): cornering stiffness in proportion to the load
-            let expected = speed * steering / (v.wheelbase + gravity_share * speed * speed / GRAVITY);
+            // r = v δ / (L + (1/c_f − 1/c_r) v²/g): cornering stiffness proportional to the load
+            let expected = speed * steering / (v.wheelbase + understeer * speed * speed / GRAVITY);
             assert!(
                 (m.yaw_rate / expected - 1.0).abs() < 0.02,
                 "{speed} m/s: {} rad/s, expected {expected}",
@@ -288,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn brakes_give_all_the_grip_and_never_more() {
+    fn brakes_use_the_full_grip_and_no_more() {
         let v = bmw();
         for scale in [1.0, 0.6, 0.2] {
             let mut gear = RunningGear::rolling(&v, 25.0, 0.0, scale);
@@ -314,7 +318,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn energy_never_appears_from_nothing_when_coasting(
+        fn coasting_creates_no_energy(
             forward in -5.0..40.0, left in -8.0..8.0, yaw_rate in -2.0..2.0, steering in -0.6..0.6,
         ) {
             let v = bmw();
@@ -327,15 +331,16 @@ mod tests {
                     + gear.spin_energy(&v)
             };
             let start = energy(&m, &gear);
-            let mut lowest = start;
-            // What the tyres' springs can hold and give back: at most full grip over the deflection at which they slide
+            let mut least = start;
+            // energy that the tyres' springs can store and return: at most full grip over the deflection at which they
+            // slide
             let stored = v.mass * GRAVITY * v.tyres.friction.powi(2) * v.tyres.relaxation_length * 3.0
                 / v.tyres.cornering_front;
             for _ in 0..5_000 {
                 advance(&v, &mut gear, &actuators, &mut m, 1e-3);
                 let now = energy(&m, &gear);
-                prop_assert!(now <= lowest + stored, "{} J out of nothing, springs hold {stored} J", now - lowest);
-                lowest = lowest.min(now);
+                prop_assert!(now <= least + stored, "{} J gained, springs store {stored} J", now - least);
+                least = least.min(now);
             }
         }
     }

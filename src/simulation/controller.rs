@@ -1,28 +1,29 @@
-//! The tracking controller: what steering and acceleration to ask for, so that the vehicle drives its trajectory.
+//! The tracking controller: steering and acceleration commands that keep the vehicle on its trajectory.
 //!
-//! Feed-forward carries the load and feedback the rest.
-//! - **Steering**: feed-forward inverts the vehicle ([`inverse`]): the path's curvature and its change, read where the rear
-//!   axle will be once the steering has followed its lag, give axle forces, those give slip angles. Feedback on lateral
-//!   offset e and heading error ψ of the rear axle, κ = −ω² e − 2 ω ψ: both poles of the error, seen along the path, at
-//!   ω (1/m). ω is a bandwidth in time over the speed, bounded at low speed (Paden et al. 2016, section V, for the kinematic
-//!   error model). In a turn the body points inwards of its path by the rear tyres' slip angle: that is wanted,
-//!   not an error.
-//! - **Acceleration**: the profile's, inverted through the lag of drive or brakes ([`forced`]), plus drag, rolling
-//!   resistance and the inertia of the wheels' spin; feedback on station and speed error with both poles at one place,
-//!   bounded. The station error does the work of an integrator, so there is none that could wind up.
-//! - **Stop**: the last metres aim 15 mm short of the end, more than what model and feedback leave as error. When the
-//!   wanted speed is zero and stays zero, the brakes hold once the vehicle is at rest. Short of the end by more than a
-//!   tolerance it creeps on; still rolling beyond it, it brakes as hard as was planned; it never drives backwards.
+//! Feed-forward does most of the work; feedback corrects the remaining error.
+//! - **Steering**: feed-forward inverts the vehicle model ([`inverse`]): the path's curvature and its derivative at the
+//!   position that the rear axle reaches after the steering lag determine the axle forces, and those the slip angles.
+//!   The feedback on lateral offset e and heading error ψ of the rear axle is κ = −ω² e − 2 ω ψ, which places both
+//!   poles of the error along the path at ω (1/m). ω is a bandwidth in time divided by the speed, bounded at low speed
+//!   (Paden et al. 2016, section V, for the kinematic error model). In a turn the body points inwards of its path by
+//!   the slip angle of the rear tyres; this angle is part of the reference, not an error.
+//! - **Acceleration**: the profile's acceleration, inverted through the lag of drive or brakes ([`lag_compensated`]),
+//!   plus drag, rolling resistance and the inertia of the wheels' spin; bounded feedback on station and speed error
+//!   with a double pole. The station error acts as an integrator, so there is no integrator state that could wind up.
+//! - **Stop**: over the last metres the controller aims 15 mm short of the end, which exceeds the remaining error of
+//!   model and feedback. Once the reference speed is zero and stays zero and the vehicle stands still, the brakes hold
+//!   it. Short of the end by more than a tolerance, the vehicle creeps forward; if it still rolls beyond the end, it
+//!   brakes at the largest deceleration of the profile. It never drives backwards.
 //!
-//! **Tuning.** Seen in time, both loops are (ω² + 2 ω p)/p² behind a lag τ: crossover near 2.06 ω, where the controller
-//! leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less what yaw inertia and the sampling take. ω is
-//! [`LAG_SHARE`]/τ, which leaves 43° and more, with τ the slower one of drive and brakes for speed, and for steering its own
-//! lag plus most of m v/C = v/(c g), in which side force takes away lateral speed; and not above a bandwidth beyond which there is
-//! nothing to gain. `margins` computes phase and gain margins of the linearised loops, with tyres, over all
-//! vehicles and speeds.
+//! **Tuning.** In time, both open loops are (ω² + 2 ω p)/p² behind a lag τ. Their crossover is near 2.06 ω, where the
+//! controller leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less the phase of yaw inertia and
+//! sampling. ω is [`LAG_SHARE`]/τ, which leaves at least 43°. For speed, τ is the slower lag of drive and brakes; for
+//! steering, it is the steering lag plus a share of m v/C = v/(c g), the time constant with which side force reduces
+//! lateral speed. ω is capped where more bandwidth would only amplify noise. `margins` computes phase and gain margins
+//! of the linearised loops, with tyres, over all vehicles and speeds.
 //!
-//! Weak where: friction lower than the vehicle's own is not known to the controller; trajectories that ask for more
-//! than the tyres have are followed as far as they go; hard braking in a turn is left to the feedback (see [`inverse`]).
+//! Limitations: the controller assumes the vehicle's nominal friction; a trajectory that exceeds the tyres' grip is
+//! followed as far as the tyres allow; hard braking in a turn is left to the feedback (see [`inverse`]).
 
 mod inverse;
 #[cfg(test)]
@@ -36,49 +37,50 @@ use self::inverse::{Drive, Inverse};
 use super::actuators::Command;
 use super::chassis::GRAVITY;
 
-/// Bandwidth of a loop times the lag of the actuator in it: see the module's notes on tuning.
+/// Bandwidth of a loop times the lag of its actuator: see "Tuning" in the module documentation.
 const LAG_SHARE: f64 = 0.25;
-/// How much of the time in which side force takes away lateral speed counts as a lag of the steering: the yaw motion leads.
+/// Share of the side-force time constant v/(c g) that counts as steering lag: the yaw motion leads the lateral motion.
 const SIDE_FORCE_LAG: f64 = 0.7;
-/// Largest bandwidth of the lateral feedback in time, rad/s: beyond, noise of the localisation would steer.
+/// Largest bandwidth of the lateral feedback in time, rad/s: above it, localisation noise would reach the steering.
 const LATERAL_BANDWIDTH: f64 = 2.5;
-/// Largest bandwidth of the lateral feedback along the path, 1/m: a car length at walking pace.
-const LATERAL_BANDWIDTH_ALONG: f64 = 0.5;
+/// Largest bandwidth of the lateral feedback along the path, 1/m. Active at walking pace.
+const LATERAL_BANDWIDTH_PER_METRE: f64 = 0.5;
 /// Largest curvature that the lateral feedback may add, 1/m.
 const LARGEST_CURVATURE_FEEDBACK: f64 = 0.1;
 /// Largest lateral acceleration that the lateral feedback may add, m/s².
 const LARGEST_LATERAL_FEEDBACK: f64 = 2.0;
-/// Largest bandwidth of the longitudinal feedback, rad/s: 1 m of station error asks for 2 m/s².
+/// Largest bandwidth of the longitudinal feedback, rad/s: 1 m of station error demands about 2 m/s².
 const LONGITUDINAL_BANDWIDTH: f64 = 1.5;
 /// Largest acceleration that the longitudinal feedback may add, m/s².
 const LARGEST_ACCELERATION_FEEDBACK: f64 = 2.0;
-/// The profile is at its end when it stays at rest this long, s.
-const REST_PREVIEW: f64 = 0.5;
-/// Wanted speeds below this are rest, up to the rounding of a profile, m/s.
-const WANTED_REST: f64 = 1e-3;
-/// Slower than this the vehicle counts as at rest when the profile is, m/s.
+/// The profile has ended once its speed stays zero for this long, s.
+const STANDSTILL_PREVIEW: f64 = 0.5;
+/// Reference speeds below this are zero up to the rounding of a profile, m/s.
+const STANDSTILL_REFERENCE: f64 = 1e-3;
+/// Below this speed the vehicle counts as standing still when the profile does, m/s.
 const STANDSTILL_SPEED: f64 = 0.03;
-/// Faster than this beyond the end, the stop has failed and the brakes are applied as hard as they were anywhere in the
-/// profile, m/s: an emergency that began later than the brakes' lag allows. Stops with a ramp are slower there.
+/// Above this speed beyond the end, the stop has failed and the controller brakes at the largest deceleration of the
+/// profile, m/s. This happens in an emergency that began later than the brakes' lag allows. Stops with a ramp are
+/// slower there.
 const OVERRUN: f64 = 2.0 * STANDSTILL_SPEED;
-/// Short of the end by less than this, the vehicle is held where it is, m.
+/// Within this distance before the end, the brakes hold the vehicle where it stands, m.
 const STOP_TOLERANCE: f64 = 0.03;
-/// How far short of the end a stop aims, m.
+/// Distance before the end at which a stop aims, m.
 const AIM_SHORT: f64 = 0.015;
-/// Distance before the end over which the aim moves short, m.
+/// Distance before the end over which the aim moves to [`AIM_SHORT`], m.
 const AIM_BLEND: f64 = 5.0;
-/// How early brakes let go of a stop without a ramp, over their lag: at 1 the vehicle would roll Δa τ²/2 beyond the end, at ½
-/// it is on the spot but for 0.03 Δa τ², and the end still softer than planned.
+/// Time by which the brakes release a stop without a ramp early, over their lag. At 1 the vehicle would roll Δa τ²/2
+/// beyond the end; at ½ it stops within 0.03 Δa τ² of it, and still more softly than planned.
 const STOP_RELEASE: f64 = 0.5;
-/// Deceleration with which the brakes hold at rest, m/s².
+/// Deceleration with which the brakes hold the vehicle at standstill, m/s².
 const HOLD: f64 = 2.0;
 
-/// Decides, at the control rate, what is asked of steering, drive and brakes.
+/// Decides, at the control rate, on the commands to steering, drive and brakes.
 ///
-/// The seam between the rig and whoever drives in it: [`TrackingController`] unless a test puts another one there, e.g. to
-/// see that the verdict notices a wrong one.
+/// The interface between the simulation and its controller: [`TrackingController`] by default; a test may insert
+/// another one, e.g. to check that the verdict detects a faulty one.
 pub trait Controller: Send + Sync {
-    /// The command that holds for the next `period` seconds, for a vehicle at `state` that is to follow `trajectory`.
+    /// The command for the next `period` seconds, for a vehicle in `state` that follows `trajectory`.
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command;
 }
 
@@ -97,7 +99,7 @@ fn lateral_bandwidth(vehicle: &Vehicle, speed: f64) -> f64 {
     let softest = vehicle.tyres.cornering_front.min(vehicle.tyres.cornering_rear);
     let lag = vehicle.actuators.steering_lag + SIDE_FORCE_LAG * speed / (GRAVITY * softest);
     let in_time = LATERAL_BANDWIDTH.min(LAG_SHARE / lag);
-    LATERAL_BANDWIDTH_ALONG.min(in_time / speed)
+    LATERAL_BANDWIDTH_PER_METRE.min(in_time / speed)
 }
 
 /// Bandwidth of the longitudinal feedback, rad/s.
@@ -106,38 +108,39 @@ fn longitudinal_bandwidth(vehicle: &Vehicle) -> f64 {
     LONGITUDINAL_BANDWIDTH.min(LAG_SHARE / actuators.drive_lag.max(actuators.brake_lag))
 }
 
-/// What the controller asks for.
+/// The command of [`TrackingController`].
 pub(super) fn command(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
-    let wanted = trajectory.at(state.time);
-    let here = project(&trajectory.path, state.pose.position, wanted.station);
+    let reference = trajectory.at(state.time);
+    let projection = project(&trajectory.path, state.pose.position, reference.station);
     let speed = state.speed.max(0.0);
-    let effort = wanted.acceleration + resistance(vehicle, speed);
-    let drive = Drive { speed, acceleration: wanted.acceleration, effort };
+    let effort = reference.acceleration + resistance(vehicle, speed);
+    let drive = Drive { speed, acceleration: reference.acceleration, effort };
     let model = Inverse::new(vehicle, &trajectory.path, drive);
     Command {
-        steering: steering(vehicle, &model, state, &here, 0.5 * period),
-        acceleration: acceleration(vehicle, trajectory, state, here.station, 0.5 * period),
+        steering: steering(vehicle, &model, state, &projection, 0.5 * period),
+        acceleration: acceleration(vehicle, trajectory, state, projection.station, 0.5 * period),
     }
 }
 
-fn steering(vehicle: &Vehicle, model: &Inverse<'_>, state: &State, here: &Projection, half_period: f64) -> f64 {
+fn steering(vehicle: &Vehicle, model: &Inverse<'_>, state: &State, projection: &Projection, half_period: f64) -> f64 {
     let speed = state.speed.max(0.0);
     let lag = vehicle.actuators.steering_lag + half_period;
-    let heading_error = wrap_angle(state.pose.yaw - here.yaw - model.rear_slip(here.station, 0.0));
+    let heading_error = wrap_angle(state.pose.yaw - projection.yaw - model.rear_slip(projection.station, 0.0));
     let omega = lateral_bandwidth(vehicle, speed);
-    let feedback = -omega * omega * here.offset - 2.0 * omega * heading_error;
+    let feedback = -omega * omega * projection.offset - 2.0 * omega * heading_error;
     let largest = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
     let feedback = feedback.clamp(-largest, largest);
-    let steering = model.steering(here.station + speed * lag, feedback);
+    let steering = model.steering(projection.station + speed * lag, feedback);
     steering.clamp(-vehicle.limits.steering, vehicle.limits.steering)
 }
 
 fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, station: f64, half_period: f64) -> f64 {
     let (profile, since) = (&trajectory.profile, state.time - trajectory.start_time);
-    let wanted = profile.at(since);
-    let aim = aimed(profile, wanted.station);
-    let (station_error, speed_error) = (aim - station, wanted.speed - state.speed);
-    let at_end = wanted.speed < WANTED_REST && profile.at(since + REST_PREVIEW).speed < WANTED_REST;
+    let reference = profile.at(since);
+    let aim = aim_station(profile, reference.station);
+    let (station_error, speed_error) = (aim - station, reference.speed - state.speed);
+    let at_end =
+        reference.speed < STANDSTILL_REFERENCE && profile.at(since + STANDSTILL_PREVIEW).speed < STANDSTILL_REFERENCE;
     if at_end && state.speed < STANDSTILL_SPEED && station_error < STOP_TOLERANCE {
         return -HOLD;
     }
@@ -149,13 +152,13 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     let feedback = feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK);
     let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
     let resistance = resistance(vehicle, state.speed);
-    let effort = |lag| (forced(profile, since + half_period, lag) + feedback) * spin + resistance;
+    let effort = |lag| (lag_compensated(profile, since + half_period, lag) + feedback) * spin + resistance;
     let braking = effort(vehicle.actuators.brake_lag);
     if braking < 0.0 { braking } else { effort(vehicle.actuators.drive_lag).max(0.0) }
 }
 
-/// The station that is aimed at: the profile's, but short of the end where it ends at rest.
-fn aimed(profile: &SpeedProfile, station: f64) -> f64 {
+/// The station to aim at: the profile's, moved before the end where the profile ends at standstill.
+fn aim_station(profile: &SpeedProfile, station: f64) -> f64 {
     if !profile.ends_at_standstill() {
         return station;
     }
@@ -163,10 +166,10 @@ fn aimed(profile: &SpeedProfile, station: f64) -> f64 {
     station - AIM_SHORT * (1.0 - left / AIM_BLEND).clamp(0.0, 1.0)
 }
 
-/// What a first-order lag must be asked for at `time` so that the profile's acceleration comes out: a + τ ȧ where it is
-/// continuous, which is exact; its jumps, which no lag can follow, are asked for τ earlier, which gives the right speed.
-/// Only the jump to rest is asked for later than that: what matters there is the place.
-fn forced(profile: &SpeedProfile, time: f64, lag: f64) -> f64 {
+/// Input of a first-order lag at `time` whose output is the profile's acceleration. It is a + τ ȧ where the
+/// acceleration is continuous, which is exact. Jumps, which no lag can follow, are commanded τ earlier, which results
+/// in the right speed. Only the jump to standstill is commanded later, since position matters there.
+fn lag_compensated(profile: &SpeedProfile, time: f64, lag: f64) -> f64 {
     let (knots, from) = (profile.knots(), profile.at(time));
     let next = knots.partition_point(|k| k.time <= time).max(1);
     let mut jumps = 0.0;
@@ -187,7 +190,7 @@ pub(super) fn resistance(vehicle: &Vehicle, speed: f64) -> f64 {
     vehicle.tyres.rolling_resistance * GRAVITY + vehicle.tyres.drag * speed * speed.abs() / vehicle.mass
 }
 
-/// Where the vehicle is on its path.
+/// Projection of the vehicle onto its path.
 struct Projection {
     /// Station of the nearest point; beyond the ends of the path, on its tangents there, m.
     station: f64,
@@ -196,10 +199,10 @@ struct Projection {
     yaw: f64,
 }
 
-/// Projects onto the path: Newton's method from the wanted station, which is near unless the vehicle was thrown off;
-/// then a search over the whole path first.
+/// Projects onto the path: Newton's method from the reference station. If the vehicle is far from it, a search over the
+/// whole path comes first.
 fn project(path: &Path, position: Point, guess: f64) -> Projection {
-    /// Nearer than this to the wanted point, the nearest point of the path is surely the one that Newton finds, m.
+    /// Closer than this to the reference point, Newton's method converges to the nearest point of the path, m.
     const NEAR: f64 = 2.0;
     let distance = |station: f64| (path.at(station).pose.position - position).norm();
     let mut station = guess.clamp(0.0, path.length());
@@ -210,7 +213,7 @@ fn project(path: &Path, position: Point, guess: f64) -> Projection {
     let mut at = path.at(station);
     let mut local = at.pose.to_local(position);
     for _ in 0..8 {
-        // derivative of the along-track error by station; kept away from the centre of curvature
+        // derivative of the along-track error by station; bounded away from the centre of curvature
         let slope = (1.0 - at.curvature * local.y).max(0.2);
         let next = (station + local.x / slope).clamp(0.0, path.length());
         let moved = (next - station).abs();
@@ -251,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_ends_the_station_goes_on_along_the_tangent() {
+    fn the_station_continues_on_the_tangent_beyond_the_ends() {
         let path = winding();
         let end = path.at(path.length()).pose;
         let found = project(&path, end.advanced(1.5).position, path.length());
@@ -264,21 +267,21 @@ mod tests {
         SpeedKnot { time, station: 0.0, speed: 10.0, acceleration, jerk }
     }
 
-    /// The speed that a lag makes of what it is asked for, against the profile's, at the end of it.
+    /// Speed error behind a lag whose input is compensated: at the end of the profile, and the largest one, m/s.
     fn speed_error(profile: &SpeedProfile, lag: f64) -> (f64, f64) {
         let dt = 1e-4;
-        let (mut given, mut off, mut worst): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        let (mut output, mut error, mut worst): (f64, f64, f64) = (0.0, 0.0, 0.0);
         for i in 0..60_000 {
             let time = -1.0 + dt * f64::from(i);
-            given += (forced(profile, time, lag) - given) * dt / lag;
-            off += (given - profile.at(time).acceleration) * dt;
-            worst = worst.max(off.abs());
+            output += (lag_compensated(profile, time, lag) - output) * dt / lag;
+            error += (output - profile.at(time).acceleration) * dt;
+            worst = worst.max(error.abs());
         }
-        (off, worst)
+        (error, worst)
     }
 
     #[test]
-    fn a_lag_that_is_asked_for_what_forced_says_gives_the_profile() {
+    fn a_lag_compensated_input_reproduces_the_profile() {
         let smooth = [
             knot(-1.0, 0.0, 0.0),
             knot(0.0, 0.0, -2.5),
@@ -300,20 +303,20 @@ mod tests {
                 "smooth, lag {lag} s: {end} m/s at the end, {worst} m/s at worst"
             );
             let (end, worst) = speed_error(&SpeedProfile::new(jumps.to_vec()).unwrap(), lag);
-            // in between, a jump costs what the lag's exponential does
+            // in between, a jump causes the error of the lag's exponential
             assert!(end.abs() < 1e-3 && worst < 1.5 * lag * 0.4, "jumps, lag {lag} s: {end} m/s, {worst} m/s at worst");
         }
     }
 
     #[test]
-    fn the_aim_moves_short_of_a_stop_only_and_without_a_jump() {
+    fn the_aim_moves_before_a_stop_without_a_jump() {
         let ends = |speed: f64| {
             SpeedProfile::new(vec![knot(0.0, 0.0, 0.0), SpeedKnot { station: 30.0, speed, ..knot(3.0, 0.0, 0.0) }])
                 .unwrap()
         };
-        assert_eq!((aimed(&ends(5.0), 30.0), aimed(&ends(0.0), 20.0)), (30.0, 20.0));
-        let samples: Vec<f64> = (0..=300).map(|i| aimed(&ends(0.0), 0.1 * f64::from(i))).collect();
-        assert!(samples.windows(2).all(|w| w[1] > w[0] && w[1] - w[0] < 0.101), "forwards always");
+        assert_eq!((aim_station(&ends(5.0), 30.0), aim_station(&ends(0.0), 20.0)), (30.0, 20.0));
+        let samples: Vec<f64> = (0..=300).map(|i| aim_station(&ends(0.0), 0.1 * f64::from(i))).collect();
+        assert!(samples.windows(2).all(|w| w[1] > w[0] && w[1] - w[0] < 0.101), "always forwards");
         assert!((samples[300] - (30.0 - AIM_SHORT)).abs() < 1e-12);
     }
 }

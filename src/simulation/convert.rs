@@ -1,6 +1,6 @@
-//! The one place where our nalgebra types meet rapier's glam types.
+//! The only conversion between nalgebra types and rapier's glam types.
 //!
-//! The physics world has its origin near the start of the run: maps in UTM metres would cost it digits.
+//! The physics world has its origin near the start of the run: UTM coordinates would lose digits in it.
 
 use rapier2d::math::{Pose as RapierPose, Vector as RapierVector};
 

@@ -1,11 +1,12 @@
-//! Friction of the road by region: patches that are wet or icy.
+//! Road friction by region: wet or icy patches.
 //!
-//! A patch is a polygon in the scenario's coordinates with a factor on the tyres' friction; each wheel looks up what it
-//! stands on, so a car may have one side on ice. Where patches overlap, the last one counts; outside of all of them the
-//! road is dry. [`super::Settings::friction_scale`] is a factor on top, everywhere.
+//! A patch is a polygon in the scenario's coordinates with a factor on the tyres' friction. Each wheel uses the patch
+//! below it, so a vehicle may have one side on ice. Where patches overlap, the last one applies; outside of all patches
+//! the road is dry. [`super::Settings::friction_scale`] is an additional factor everywhere.
 //!
-//! Technique: even–odd rule behind a bounding box, patch by patch, in the frame of the physics world. Weak where: the
-//! cost is linear in the corners near a wheel, the edge of a patch is sharp, and neither planner nor controller know of it.
+//! Technique: even–odd rule behind a bounding box, patch by patch, in the frame of the physics world. Limitations: the
+//! cost is linear in the corners of patches near a wheel, edges of patches are sharp, and neither planner nor
+//! controller knows the patches.
 
 use rapier2d::math::Vector as RapierVector;
 use serde::{Deserialize, Serialize};
@@ -14,30 +15,30 @@ use super::SimulationError;
 use super::convert::Frame;
 use crate::geometry::Point;
 
-/// Usual factors on a dry road's friction, by the name that may stand for them (Wong, *Theory of Ground Vehicles*, 4th ed.
-/// 2008, table 1.3: asphalt, dry 0.8–0.9, wet 0.5–0.7; ice 0.1).
+/// Typical factors on the friction of a dry road, by surface name (Wong, *Theory of Ground Vehicles*, 4th ed. 2008,
+/// table 1.3: asphalt, dry 0.8–0.9, wet 0.5–0.7; ice 0.1).
 pub const SURFACES: [(&str, f64); 3] = [("dry", 1.0), ("wet", 0.6), ("ice", 0.15)];
-/// Largest factor: no road is stickier.
-const STICKIEST: f64 = 10.0;
-/// Most corners of a patch: edges are held against each other.
-const MOST_CORNERS: usize = 1000;
-/// Smallest area of a patch, m²: less than the contact of a tyre.
-const SMALLEST_AREA: f64 = 1e-4;
-/// Largest coordinate of a corner, m: more than any map projection has.
-const FURTHEST: f64 = 1e8;
+/// Largest accepted factor.
+const MAX_FACTOR: f64 = 10.0;
+/// Largest number of corners of a patch: validation compares all pairs of edges.
+const MAX_CORNERS: usize = 1000;
+/// Smallest area of a patch, m²: less than the contact patch of a tyre.
+const MIN_AREA: f64 = 1e-4;
+/// Largest absolute coordinate of a corner, m: beyond the range of any map projection.
+const MAX_COORDINATE: f64 = 1e8;
 
-/// A patch of road with its own friction.
+/// A patch of road with a friction factor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrictionRegion {
-    /// Factor on the tyres' friction; in files a number, or a name of [`SURFACES`].
+    /// Factor on the tyres' friction; in files a number or a name from [`SURFACES`].
     #[serde(deserialize_with = "number_or_surface")]
     pub factor: f64,
-    /// Corners in the scenario's coordinates, m, in either order; inside is what the even–odd rule says.
+    /// Corners in the scenario's coordinates, m, in either orientation.
     pub polygon: Vec<[f64; 2]>,
 }
 
-/// The factor of a surface's name.
+/// The factor of a surface, by name.
 #[must_use]
 pub fn surface(name: &str) -> Option<f64> {
     SURFACES.iter().find(|(known, _)| *known == name).map(|(_, factor)| *factor)
@@ -74,22 +75,22 @@ fn number_or_surface<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Resul
 }
 
 impl FrictionRegion {
-    /// Checks the region; `index` is its place in the list, for the message.
+    /// Checks the region; `index` is its position in the list, for the message.
     ///
     /// # Errors
-    /// A factor that is not above 0, or a polygon that is none.
+    /// A factor that is not positive or above 10, or a polygon that is not finite, has no area or crosses itself.
     pub fn validate(&self, index: usize) -> Result<(), SimulationError> {
         let wrong = |key, value, expected| Err(SimulationError::Friction { region: index, key, value, expected });
-        if !(self.factor > 0.0 && self.factor <= STICKIEST) {
+        if !(self.factor > 0.0 && self.factor <= MAX_FACTOR) {
             return wrong("factor", self.factor, "above 0, at most 10");
         }
         if self.polygon.len() < 3 {
             #[allow(clippy::cast_precision_loss)] // at most 2
             return wrong("polygon", self.polygon.len() as f64, "at least 3 corners");
         }
-        match self.polygon.iter().flatten().find(|v| v.is_nan() || v.abs() > FURTHEST) {
+        match self.polygon.iter().flatten().find(|v| v.is_nan() || v.abs() > MAX_COORDINATE) {
             Some(value) => return wrong("polygon", *value, "coordinates in metres, at most 100,000 km"),
-            None if self.polygon.len() > MOST_CORNERS => {
+            None if self.polygon.len() > MAX_CORNERS => {
                 #[allow(clippy::cast_precision_loss)] // a count of corners
                 return wrong("polygon", self.polygon.len() as f64, "at most 1000 corners");
             }
@@ -97,28 +98,32 @@ impl FrictionRegion {
         }
         if let Some(edge) = self.crossing() {
             #[allow(clippy::cast_precision_loss)] // at most 1000
-            return wrong("polygon", edge as f64, "edges that do not cross (this is the first that does, from 0)");
+            return wrong(
+                "polygon",
+                edge as f64,
+                "edges that do not cross (the value is the index of the first edge that does, from 0)",
+            );
         }
         match self.area() {
-            area if area < SMALLEST_AREA => {
+            area if area < MIN_AREA => {
                 wrong("polygon", area, "an area of at least 1 cm² (do its corners lie on a line?)")
             }
             _ => Ok(()),
         }
     }
 
-    /// The corners against the first one, in which large coordinates lose nothing.
+    /// A corner relative to the first one, which keeps the precision of large coordinates.
     fn corner(&self, i: usize) -> [f64; 2] {
         let ([x, y], [x0, y0]) = (self.polygon[i % self.polygon.len()], self.polygon[0]);
         [x - x0, y - y0]
     }
 
-    /// Area by the shoelace formula, m². Not of a polygon whose edges cross.
+    /// Area by the shoelace formula, m². Valid if no edges cross.
     fn area(&self) -> f64 {
         0.5 * (0..self.polygon.len()).map(|i| cross(self.corner(i), self.corner(i + 1))).sum::<f64>().abs()
     }
 
-    /// The first edge that crosses a later one.
+    /// Index of the first edge that crosses a later one.
     fn crossing(&self) -> Option<usize> {
         let n = self.polygon.len();
         let edge = |i: usize| (self.corner(i), self.corner(i + 1));
@@ -154,7 +159,7 @@ struct Patch {
 }
 
 impl FrictionMap {
-    /// Checks the regions and moves them into the frame.
+    /// Checks the regions and transforms them into the frame.
     pub(super) fn new(regions: &[FrictionRegion], frame: &Frame) -> Result<Self, SimulationError> {
         let patch = |(index, region): (usize, &FrictionRegion)| {
             region.validate(index)?;
@@ -167,19 +172,19 @@ impl FrictionMap {
         Ok(Self { patches: regions.iter().enumerate().map(patch).collect::<Result<_, _>>()? })
     }
 
-    /// Factor on the friction at a place in the physics frame.
-    pub(super) fn at(&self, place: RapierVector) -> f64 {
-        self.patches.iter().rev().find(|p| p.contains(place)).map_or(1.0, |p| p.factor)
+    /// Friction factor at a position in the physics frame.
+    pub(super) fn at(&self, position: RapierVector) -> f64 {
+        self.patches.iter().rev().find(|p| p.contains(position)).map_or(1.0, |p| p.factor)
     }
 
-    /// The largest factor anywhere.
+    /// The largest friction factor of all patches and the dry road.
     pub(super) fn largest(&self) -> f64 {
         self.patches.iter().map(|p| p.factor).fold(1.0, f64::max)
     }
 }
 
 impl Patch {
-    /// Even–odd rule: how often a ray in the direction of +x leaves the polygon.
+    /// Even–odd rule: counts the edges that a ray towards +x crosses.
     fn contains(&self, p: RapierVector) -> bool {
         if p.x < self.low.x || p.y < self.low.y || p.x > self.high.x || p.y > self.high.y {
             return false;
@@ -203,7 +208,7 @@ mod tests {
     const SQUARE: [[f64; 2]; 4] = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]];
 
     #[test]
-    fn the_last_patch_counts_and_a_notch_is_outside() {
+    fn the_last_patch_applies_and_a_notch_is_outside() {
         let notched = [[-1.0, -1.0], [5.0, -1.0], [5.0, 5.0], [3.0, 1.0], [-1.0, 5.0]];
         for origin in [Point::origin(), Point::new(1e6, -1e6)] {
             let moved =
@@ -220,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn each_wrong_region_is_named() {
+    fn validation_names_each_invalid_region() {
         for (wrong, key) in [
             (region(-0.5, &SQUARE), "friction[3].factor"),
             (region(0.0, &SQUARE), "friction[3].factor"),
@@ -244,7 +249,7 @@ mod tests {
         for (text, factor) in [("\"ice\"", 0.15), ("\"wet\"", 0.6), ("\"dry\"", 1.0), ("0.3", 0.3), ("1", 1.0)] {
             assert_eq!(read(text).unwrap().factor, factor, "{text}");
         }
-        let message = read("\"mud\"").expect_err("no such surface").to_string();
+        let message = read("\"mud\"").expect_err("an unknown surface").to_string();
         assert!(message.contains("mud") && message.contains("\"ice\""), "{message}");
         assert!(read("true").is_err() && toml::from_str::<FrictionRegion>("factor = 1.0").is_err());
     }

@@ -1,14 +1,14 @@
-//! The physics rig: a rapier world in which the vehicle follows trajectories with mass, tyres and slow actuators.
+//! The vehicle simulation: a rapier world in which a vehicle with mass, tyres and actuator lags follows trajectories.
 //!
-//! The world is seen from above, without gravity. The chassis is one rigid body with the vehicle's mass and yaw inertia
-//! and the parts of the footprint as its colliders; four tyres push it (`tyre`, `chassis`), turned, driven and braked by actuators with
-//! lag and limits (`actuators`), which a tracking controller commands (`controller`); each tyre has the friction of the
-//! patch of road that it stands on (`friction`). Obstacles are colliders: fixed ones,
-//! moving ones on their predicted trajectories, set-based ones as regions for their interval; so are the occupied cells of a
-//! grid (`cells`). Nothing pushes back: the first touch is logged and ends the run.
+//! The world is planar and has no gravity. The chassis is one rigid body with the vehicle's mass and yaw inertia and
+//! the parts of the footprint as colliders. Four tyres exert forces on it (`tyre`, `chassis`). Actuators with lag and
+//! limits steer, drive and brake it (`actuators`), commanded by a tracking controller (`controller`). Each tyre has the
+//! friction of the road patch below it (`friction`). Obstacles are colliders: static ones, moving ones on their
+//! predicted trajectories, set-based ones as regions for their time intervals; so are the occupied cells of a grid
+//! (`cells`). Contacts cause no forces: the first one is logged and ends the run.
 //!
-//! Every number comes out the same for the same input: fixed steps, no threads, rapier's `enhanced-determinism`.
-//! The physics has its origin at the start of the run; logs are in world coordinates.
+//! Runs are deterministic: fixed steps, no threads, rapier's `enhanced-determinism`. The physics has its origin at the
+//! start of the run; logs are in world coordinates.
 
 mod actuators;
 mod cells;
@@ -33,7 +33,7 @@ pub use world::World;
 
 use crate::geometry::Pose;
 
-/// Why a run cannot start.
+/// The reason why a simulation cannot start.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SimulationError {
     /// A setting out of its range.
@@ -41,40 +41,40 @@ pub enum SimulationError {
     Setting {
         /// The setting.
         name: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
-        /// What was expected.
+        /// The expected range.
         expected: &'static str,
     },
-    /// A region of friction that is none.
+    /// An invalid friction region.
     #[error("`friction[{region}].{key}`: {value}; expected {expected}")]
     Friction {
         /// Index of the region.
         region: usize,
-        /// Its key.
+        /// The invalid key of the region.
         key: &'static str,
-        /// Its value; of a polygon with too few corners, their number.
+        /// The value: a factor, a coordinate, a number of corners, an index of an edge or an area.
         value: f64,
-        /// What was expected.
+        /// The expected range.
         expected: &'static str,
     },
-    /// The initial state has a number that is not finite.
+    /// The initial state contains a number that is not finite.
     #[error("the vehicle's initial state is not finite: {0}")]
     InitialState(String),
-    /// A part of the vehicle's footprint is no convex polygon with an area.
+    /// A part of the vehicle's footprint is not a convex polygon with an area.
     #[error("the vehicle's footprint has a part without area")]
     Footprint,
-    /// An obstacle has a number that is not finite, or no shape.
+    /// An obstacle contains a number that is not finite, or has no shape.
     #[error("obstacle {id}: {message}")]
     Obstacle {
         /// The obstacle's id.
         id: i64,
-        /// What is wrong.
+        /// What is invalid.
         message: &'static str,
     },
 }
 
-/// What the rig measured at one instant. Logged at a fixed rate of at least 100 Hz.
+/// State of the simulation at one instant. Logged at a fixed rate of at least 50 Hz.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Time of the run, s.
@@ -93,19 +93,19 @@ pub struct Sample {
     pub lateral_acceleration: f64,
     /// Steering angle, rad.
     pub steering: f64,
-    /// Acceleration asked of drive and brakes, m/s².
+    /// Commanded acceleration of drive and brakes, m/s².
     pub commanded_acceleration: f64,
-    /// Steering angle asked for, rad.
+    /// Commanded steering angle, rad.
     pub commanded_steering: f64,
-    /// Rear-axle pose that the trajectory wants now.
+    /// Reference pose of the rear axle: that of the trajectory at this time.
     pub reference_pose: Pose,
-    /// Speed that the trajectory wants now, m/s.
+    /// Reference speed, m/s.
     pub reference_speed: f64,
-    /// Station on the trajectory's path that is wanted now, m.
+    /// Reference station on the trajectory's path, m.
     pub reference_station: f64,
 }
 
-/// What the vehicle touched.
+/// The other object of a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Touched {
     /// The obstacle with this id.
@@ -128,21 +128,21 @@ impl std::fmt::Display for Touched {
 pub struct Contact {
     /// Time of the run, s.
     pub time: f64,
-    /// What was touched; an obstacle, if an obstacle and a cell at once.
+    /// The other object; an obstacle if the vehicle touches an obstacle and a cell at once.
     pub with: Touched,
-    /// Where on the vehicle it struck: the contact's position in the rear-axle frame, m.
+    /// Position of the contact in the rear-axle frame, m.
     pub at_rear_axle_frame: crate::geometry::Point,
     /// The vehicle's speed at that moment, m/s.
     pub speed: f64,
 }
 
-/// Everything that the rig measured in a run.
+/// The log of a run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Log {
     /// Samples in order of time; the first is the initial state.
     pub samples: Vec<Sample>,
     /// The first contact, if any. The run ends with it.
     pub contact: Option<Contact>,
-    /// Time at which a non-finite number was found in the physics, s. The run ends with it.
+    /// Time at which the physics produced a number that is not finite, s. The run ends with it.
     pub broke_at: Option<f64>,
 }

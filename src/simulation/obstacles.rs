@@ -1,8 +1,8 @@
 //! Obstacles as colliders: fixed, moving on a trajectory, or regions that exist for an interval.
 //!
-//! Most moving obstacles are far away most of the time. Those that cannot meet the vehicle before the next review
-//! ([`REVIEW`]) have no body meanwhile: distances are bounded by the predictions themselves and by what the vehicle can
-//! drive in that time, so no contact is ever missed.
+//! Most moving obstacles are far away most of the time. An obstacle that cannot meet the vehicle before the next review
+//! ([`REVIEW`]) has no body until then. The check bounds the motion of the obstacle by its prediction and that of the
+//! vehicle by its grip, so no contact is missed.
 
 use std::sync::Arc;
 
@@ -16,20 +16,21 @@ use super::physics::Physics;
 use crate::geometry::{Point, Pose, Vector};
 use crate::map::{ConvexPart, Motion, Obstacle, Shape, TimedPose};
 
-/// Time between reviews of which obstacles are near, s.
+/// Time between reviews of the obstacles near the vehicle, s.
 pub(super) const REVIEW: f64 = 0.1;
 
-/// All obstacles of a world. What never changes is shared between clones.
+/// All obstacles of a world. Clones share the constant part.
 #[derive(Clone)]
 pub(super) struct Obstacles {
-    plan: Arc<Plan>,
-    /// Per obstacle: its body, while it exists, and for set-based ones the index of the set.
+    shared: Arc<Shared>,
+    /// Per obstacle: its body while it exists; for a set-based one with the index of the set.
     bodies: Vec<Option<(RigidBodyHandle, usize)>>,
-    /// Per obstacle: whether it could meet the vehicle before the next review.
+    /// Per obstacle: whether it may meet the vehicle before the next review.
     near: Vec<bool>,
 }
 
-struct Plan {
+/// The part that does not change in a run.
+struct Shared {
     frame: Frame,
     entries: Vec<Entry>,
 }
@@ -38,7 +39,8 @@ struct Entry {
     obstacle: Obstacle,
     /// Colliders of the shape in its own frame; for sets, of each region in the physics frame.
     shapes: Vec<Vec<(RapierPose, SharedShape)>>,
-    /// Circles around the shapes: about the frame's origin; for sets, about each region's middle in the world, m.
+    /// Bounding circles of the shapes: about the frame's origin; for sets, about each region's middle in world
+    /// coordinates, m.
     circles: Vec<(Point, f64)>,
 }
 
@@ -47,24 +49,24 @@ impl Obstacles {
     pub(super) fn new(obstacles: &[Obstacle], frame: &Frame) -> Result<Self, SimulationError> {
         let entries = obstacles.iter().map(|o| Entry::new(o, frame)).collect::<Result<Vec<_>, _>>()?;
         let (bodies, near) = (vec![None; entries.len()], vec![false; entries.len()]);
-        Ok(Self { plan: Arc::new(Plan { frame: *frame, entries }), bodies, near })
+        Ok(Self { shared: Arc::new(Shared { frame: *frame, entries }), bodies, near })
     }
 
     /// The id of the obstacle whose colliders carry this user data.
     pub(super) fn id(&self, user_data: u128) -> Option<i64> {
-        self.plan.entries.get(usize::try_from(user_data).ok()?).map(|e| e.obstacle.id)
+        self.shared.entries.get(usize::try_from(user_data).ok()?).map(|e| e.obstacle.id)
     }
 
     /// Finds the obstacles that come within `reach` of a position between `time` and the next review.
     pub(super) fn review(&mut self, time: f64, position: Point, reach: f64) {
-        for (entry, near) in self.plan.entries.iter().zip(&mut self.near) {
+        for (entry, near) in self.shared.entries.iter().zip(&mut self.near) {
             *near = entry.comes_near(time, position, reach);
         }
     }
 
-    /// Creates the bodies of near obstacles that exist at `time`, and removes those that do not any more.
+    /// Creates the bodies of near obstacles that exist at `time`, and removes those of all others.
     pub(super) fn place(&mut self, physics: &mut Physics, time: f64) {
-        for (index, entry) in self.plan.entries.iter().enumerate() {
+        for (index, entry) in self.shared.entries.iter().enumerate() {
             let now = self.bodies[index];
             if now.is_some() && entry.obstacle.is_static() {
                 continue;
@@ -72,31 +74,31 @@ impl Obstacles {
             if !self.near[index] && now.is_none() {
                 continue;
             }
-            let wanted = if self.near[index] { entry.present(time) } else { None };
-            if wanted == now.map(|(_, set)| set) {
+            let required = if self.near[index] { entry.present(time) } else { None };
+            if required == now.map(|(_, set)| set) {
                 continue;
             }
             if let Some((body, _)) = now {
                 physics.remove(body);
             }
-            self.bodies[index] = wanted.map(|set| {
+            self.bodies[index] = required.map(|set| {
                 let body = match &entry.obstacle.motion {
                     Motion::Trajectory(_) => RigidBodyBuilder::kinematic_position_based(),
                     Motion::Static(_) | Motion::Occupancy(_) => RigidBodyBuilder::fixed(),
                 };
-                let pose = entry.obstacle.pose_at(time).map(|p| self.plan.frame.pose_in(&p)).unwrap_or_default();
+                let pose = entry.obstacle.pose_at(time).map(|p| self.shared.frame.pose_in(&p)).unwrap_or_default();
                 (physics.insert(body.pose(pose), &entry.shapes[set], index as u128), set)
             });
         }
     }
 
-    /// Sends the moving obstacles to where they are at `time`, the end of the coming step.
+    /// Moves the obstacles to their poses at `time`, the end of the coming step.
     pub(super) fn drive(&self, bodies: &mut RigidBodySet, time: f64) {
-        for (entry, body) in self.plan.entries.iter().zip(&self.bodies) {
+        for (entry, body) in self.shared.entries.iter().zip(&self.bodies) {
             if let (Motion::Trajectory(_), Some((handle, _))) = (&entry.obstacle.motion, body)
                 && let (Some(pose), Some(body)) = (entry.obstacle.pose_at(time), bodies.get_mut(*handle))
             {
-                body.set_next_kinematic_position(self.plan.frame.pose_in(&pose));
+                body.set_next_kinematic_position(self.shared.frame.pose_in(&pose));
             }
         }
     }
@@ -111,7 +113,7 @@ impl Entry {
                 return Err(wrong("no shape; expected at least one part"));
             }
             let made: Option<Vec<_>> = parts.iter().map(|part| collider_shape(part, place)).collect();
-            made.ok_or(wrong("a shape that is not finite, or of no size"))
+            made.ok_or(wrong("a shape that is not finite or has no size"))
         };
         let shapes = match &obstacle.motion {
             Motion::Static(pose) => {
@@ -138,9 +140,10 @@ impl Entry {
         Ok(Self { obstacle: obstacle.clone(), shapes, circles })
     }
 
-    /// Whether it may come within `reach` of a position between `time` and the next review. Never wrongly false.
+    /// Whether the obstacle may come within `reach` of a position between `time` and the next review. Conservative: no
+    /// false negatives.
     fn comes_near(&self, time: f64, position: Point, reach: f64) -> bool {
-        // a step more than the interval: obstacles are sent to where they are at the end of a step
+        // longer than the interval: obstacles move to their poses at the end of a step
         let until = time + 1.5 * REVIEW;
         match &self.obstacle.motion {
             Motion::Static(_) => true,
@@ -159,7 +162,7 @@ impl Entry {
         }
     }
 
-    /// Which of the shapes exists at `time`.
+    /// Index of the shape that exists at `time`.
     fn present(&self, time: f64) -> Option<usize> {
         match &self.obstacle.motion {
             Motion::Static(_) => Some(0),
@@ -169,13 +172,13 @@ impl Entry {
     }
 }
 
-/// A collider for a convex piece, with its place. Polygons without area become their outline: a wall is still a wall.
+/// A collider for a convex part, with its position. A polygon without area becomes its outline: it still is a wall.
 fn collider_shape(part: &ConvexPart, place: &dyn Fn(Point) -> RapierVector) -> Option<(RapierPose, SharedShape)> {
     match part {
         ConvexPart::Circle { centre, radius } => {
             let centre = place(*centre);
-            let ok = centre.is_finite() && radius.is_finite() && *radius > 0.0;
-            ok.then(|| (RapierPose::from_translation(centre), SharedShape::ball(*radius)))
+            let is_valid = centre.is_finite() && radius.is_finite() && *radius > 0.0;
+            is_valid.then(|| (RapierPose::from_translation(centre), SharedShape::ball(*radius)))
         }
         ConvexPart::Polygon(points) => {
             let points: Vec<_> = points.iter().map(|p| place(*p)).collect();
@@ -188,7 +191,7 @@ fn collider_shape(part: &ConvexPart, place: &dyn Fn(Point) -> RapierVector) -> O
     }
 }
 
-/// A circle that holds the whole shape, in the shape's frame.
+/// A circle that contains the whole shape, in the shape's frame.
 fn bounding_circle(shape: &Shape) -> (Point, f64) {
     let parts = shape.convex_parts();
     let points: Vec<Point> = parts

@@ -1,5 +1,5 @@
-//! Rapier's sets, and how they are stepped. Nothing is solved here but the motion of one body: rapier integrates the
-//! chassis, moves the obstacles and finds the contacts.
+//! Rapier's sets, and their integration. There are no constraints to solve: rapier integrates the chassis, moves the
+//! obstacles and finds the contacts.
 
 use rapier2d::dynamics::{
     CCDSolver, ImpulseJointSet, IntegrationParameters, IslandManager, MultibodyJointSet, RigidBodyBuilder,
@@ -18,7 +18,7 @@ use super::chassis::Wrench;
 use super::convert::{Frame, local, vector};
 use crate::vehicle::{Footprint, State, Vehicle};
 
-/// Rapier's sets, and how they are stepped.
+/// Rapier's sets, and their integration.
 pub(super) struct Physics {
     parameters: IntegrationParameters,
     pipeline: PhysicsPipeline,
@@ -37,11 +37,11 @@ pub(super) struct Physics {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PartCollider {
     pub(super) collider: ColliderHandle,
-    /// Where the collider's frame lies: distance before the rear axle, m.
+    /// Distance of the collider's frame ahead of the rear axle, m.
     pub(super) at: f64,
 }
 
-/// Shapes of the footprint's parts, each with the place of its frame before the rear axle, m.
+/// Shapes of the footprint's parts, each with the distance of its frame ahead of the rear axle, m.
 fn part_shapes(footprint: &Footprint) -> Result<Vec<(f64, SharedShape)>, SimulationError> {
     if footprint.is_rectangle() {
         let cuboid = SharedShape::cuboid(0.5 * footprint.length(), 0.5 * footprint.width());
@@ -77,12 +77,12 @@ impl Physics {
     pub(super) fn new(step: f64) -> Self {
         let parameters = IntegrationParameters {
             dt: step,
-            // nothing is solved: tyres push the only dynamic body
+            // no constraints: tyres push the only dynamic body
             num_solver_iterations: 1,
-            // at 1 ms nothing passes through anything, and motion must not be clamped before a contact
+            // at 1 ms nothing tunnels, and motion must not be clamped before a contact
             max_ccd_substeps: 0,
             normalized_max_linear_velocity: f64::MAX,
-            // contacts of this step's poses, not of nearly the same ones
+            // contacts of exactly this step's poses
             contact_recycling: false,
             ..IntegrationParameters::default()
         };
@@ -101,8 +101,8 @@ impl Physics {
         }
     }
 
-    /// Inserts the chassis, its frame at the centre of mass, with the parts of the footprint as colliders: mass and
-    /// inertia are the vehicle's, the colliders weigh nothing.
+    /// Inserts the chassis, its frame at the centre of mass, with the parts of the footprint as colliders. Mass and
+    /// inertia are the vehicle's; the colliders have none.
     pub(super) fn insert_vehicle(
         &mut self,
         vehicle: &Vehicle,
@@ -123,7 +123,7 @@ impl Physics {
             let collider = ColliderBuilder::new(shape)
                 .translation(RapierVector::new(at - to_mass, 0.0))
                 .density(0.0)
-                // contacts are found, but never pushed apart
+                // contacts are detected but exert no force
                 .solver_groups(InteractionGroups::new(Group::NONE, Group::NONE, InteractionTestMode::And));
             PartCollider { collider: self.colliders.insert_with_parent(collider, handle, &mut self.bodies), at }
         });
@@ -169,14 +169,14 @@ impl Physics {
         body.add_torque(wrench.yaw, true);
     }
 
-    /// Updates the contacts for the present poses; nothing moves.
+    /// Updates the contacts for the current poses; nothing moves.
     pub(super) fn find_contacts(&mut self) {
         let dt = std::mem::replace(&mut self.parameters.dt, 0.0);
         self.step();
         self.parameters.dt = dt;
     }
 
-    /// One step; whether every number stayed finite.
+    /// Advances by one step; returns whether every number stayed finite.
     pub(super) fn step(&mut self) -> bool {
         self.pipeline.step(
             RapierVector::ZERO,

@@ -1,23 +1,25 @@
-//! Settings of the rig.
+//! Settings of the simulation.
 
 use serde::{Deserialize, Serialize};
 
 use super::SimulationError;
 
-/// How the rig integrates, controls and logs. [`Settings::default`] is what every run uses unless told otherwise.
+/// Integration, control and log rates, and friction of a simulation. Runs use [`Settings::default`] unless configured
+/// otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Length of a physics step, s. Default 1 ms: the wheels' spin on their tyres is the fastest motion, about 120 rad/s.
+    /// Length of a physics step, s. The fastest motion is the wheels' spin on their tyres, about 120 rad/s. Default
+    /// 0.001.
     pub step: f64,
-    /// Samples a second in the log, Hz. A whole number of steps lies between samples. Default 100.
+    /// Rate of log samples, Hz. Samples are a whole number of steps apart. Default 100.
     pub log_rate_hz: f64,
-    /// Decisions a second of the tracking controller, Hz; its command holds in between. Default 100.
+    /// Rate of the tracking controller, Hz; its command is held in between. Default 100.
     pub control_rate_hz: f64,
-    /// Factor on the tyres' friction, everywhere: 1 dry; see [`super::SURFACES`] for others. Default 1.
+    /// Factor on the tyres' friction everywhere: 1 is dry; see [`super::SURFACES`] for others. Default 1.
     pub friction_scale: f64,
-    /// Whether anti-lock and traction control keep the wheels' torques inside the tyres' grip. Without, full brakes lock the
-    /// wheels and full drive spins them. Default true.
+    /// Whether anti-lock and traction control limit the wheels' torques to the tyres' grip. Without them, full braking
+    /// locks the wheels and full drive spins them. Default true.
     pub anti_lock: bool,
 }
 
@@ -31,33 +33,33 @@ impl Settings {
     /// Checks every value.
     ///
     /// # Errors
-    /// Names the first setting that is out of its range.
+    /// [`SimulationError::Setting`] names the first setting out of its range.
     pub fn validate(&self) -> Result<(), SimulationError> {
-        /// The wheels' spin on their tyres is integrated explicitly: longer steps would make it unstable.
-        const LONGEST_STEP: f64 = 0.002;
-        /// The verdict sees the log alone: what happens between two samples is judged by nobody, Hz.
-        const LEAST_LOG_RATE: f64 = 50.0;
-        /// Slower than the planner plans, the controller would not follow what was planned, Hz.
-        const LEAST_CONTROL_RATE: f64 = 10.0;
-        let check = |name, value: f64, ok: bool, expected| {
-            if ok { Ok(()) } else { Err(SimulationError::Setting { name, value, expected }) }
+        /// The wheels' spin on their tyres is integrated explicitly: longer steps are unstable, s.
+        const MAX_STEP: f64 = 0.002;
+        /// The verdict uses the log alone and cannot check what happens between two samples, Hz.
+        const MIN_LOG_RATE: f64 = 50.0;
+        /// A controller slower than the planner cannot follow its plans, Hz.
+        const MIN_CONTROL_RATE: f64 = 10.0;
+        let check = |name, value: f64, in_range: bool, expected| {
+            if in_range { Ok(()) } else { Err(SimulationError::Setting { name, value, expected }) }
         };
-        check("step", self.step, self.step >= 1e-5 && self.step <= LONGEST_STEP, "from 0.00001 to 0.002 s")?;
-        for (name, rate, least, expected) in [
-            ("log_rate_hz", self.log_rate_hz, LEAST_LOG_RATE, "from 50 Hz to one a step"),
-            ("control_rate_hz", self.control_rate_hz, LEAST_CONTROL_RATE, "from 10 Hz to one a step"),
+        check("step", self.step, self.step >= 1e-5 && self.step <= MAX_STEP, "from 0.00001 to 0.002 s")?;
+        for (name, rate, min, expected) in [
+            ("log_rate_hz", self.log_rate_hz, MIN_LOG_RATE, "from 50 Hz to one per step"),
+            ("control_rate_hz", self.control_rate_hz, MIN_CONTROL_RATE, "from 10 Hz to one per step"),
         ] {
-            check(name, rate, rate >= least && rate * self.step <= 1.0, expected)?;
+            check(name, rate, rate >= min && rate * self.step <= 1.0, expected)?;
         }
         let scale = self.friction_scale;
         check("friction_scale", scale, scale > 0.0 && scale <= 10.0, "above 0, at most 10")
     }
 
-    /// Steps between log samples, at least one; where they do not go into the rate, there are more samples, not fewer.
+    /// Steps between log samples, at least one; rounded down, so that the rate is not below the setting.
     pub(super) fn steps_per_sample(&self) -> u64 {
-        /// Rounding of the two divisions.
+        /// Tolerance for the rounding of the two divisions.
         const ROUNDING: f64 = 1e-9;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from ten a second to 1e5
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from 10 to 1e5 Hz
         let steps = (1.0 / (self.log_rate_hz * self.step) + ROUNDING).floor().clamp(1.0, 1e9) as u64;
         steps
     }
@@ -68,7 +70,7 @@ impl Settings {
     }
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from ten a second to 1e5
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // validated: from 10 to 1e5 Hz
 fn steps_between(rate: f64, step: f64) -> u64 {
     (1.0 / (rate * step)).round().clamp(1.0, 1e9) as u64
 }
@@ -78,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_setting_out_of_range_is_named() {
+    fn validation_names_each_setting_out_of_range() {
         Settings::default().validate().unwrap();
         let bad = [
             ("step", Settings { step: 0.0, ..Settings::default() }),
@@ -98,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_keys_are_refused_and_missing_ones_default() {
+    fn rejects_unknown_keys_and_defaults_missing_ones() {
         assert!(toml::from_str::<Settings>("friction_scal = 0.5").is_err());
         let settings: Settings = toml::from_str("friction_scale = 0.5").unwrap();
         assert_eq!(settings, Settings { friction_scale: 0.5, ..Settings::default() });

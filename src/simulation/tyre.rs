@@ -1,25 +1,26 @@
 //! One tyre: contact patch force from slip, with combined slip, saturation and relaxation.
 //!
-//! The tread is a brush (Pacejka, *Tire and Vehicle Dynamics*, 3rd ed. 2012, section 3.2): with normalised combined slip
-//! ρ = |(c_x κ, c_y tan α)| / μ the force is μ F_z g(ρ) along (c_x κ, c_y tan α), g(ρ) = ρ − ρ²/3 + ρ³/27 up to full
-//! sliding at ρ = 3 and 1 beyond. So the slope at zero slip is the slip stiffness, the force never leaves the friction
-//! circle, and there is no peak: a locked wheel carries as much as a rolling one at its best.
+//! The tread is a brush (Pacejka, *Tire and Vehicle Dynamics*, 3rd ed. 2012, section 3.2): with normalised combined
+//! slip ρ = |(c_x κ, c_y tan α)| / μ, the force is μ F_z g(ρ) in the direction (c_x κ, c_y tan α), where g(ρ) = ρ −
+//! ρ²/3 + ρ³/27 up to full sliding at ρ = 3, and 1 beyond. Therefore the slope at zero slip is the slip stiffness, the
+//! force stays inside the friction circle, and there is no peak: a locked wheel transmits as much force as a rolling
+//! one at its optimum.
 //!
-//! Slip is not computed by division by the speed but integrated as the carcass's deflection u in metres (single contact
-//! point transient model, ibid. section 7.2): u̇ = −V_s − |V_x| u/σ and slip = u/σ. At speed this is a first-order lag over
-//! the relaxation length σ; at standstill it is a spring, which is what holds a parked car. The carcass's own damping is
-//! part of it (slip = (u + τ u̇)/σ): without it a stopped car would ring on its springs for seconds. τ fades with speed so
-//! that at least half of the relaxation lag stays.
+//! Slip is not computed by division by the speed but integrated as the deflection u of the carcass in metres (single
+//! contact point transient model, ibid. section 7.2): u̇ = −V_s − |V_x| u/σ and slip = u/σ. At speed this is a
+//! first-order lag over the relaxation length σ; at standstill it is a spring, which holds a parked car. Damping of the
+//! carcass is included (slip = (u + τ u̇)/σ): without it a stopped car would oscillate on its tyres for seconds. τ
+//! decreases with speed so that at least half of the relaxation lag remains.
 //!
-//! Weak where: one relaxation length for both directions, load changes stiffness only in proportion, no aligning moment,
-//! no camber, no rise of friction with falling speed.
+//! Limitations: one relaxation length for both directions; stiffness proportional to load; no aligning moment; no
+//! camber; friction independent of speed.
 
 use crate::vehicle::Tyres;
 
 /// Normalised slip at which the whole patch slides.
 const SLIDING: f64 = 3.0;
-/// Time constant of the carcass's damping, s: a car that stands on its tyres' springs (4 Hz) has a damping ratio of 0.4,
-/// and the spin of its wheels (about 120 rad/s) is still far from where explicit steps of 1 ms become unstable.
+/// Time constant of the carcass damping, s: a car that stands on its tyres' springs (4 Hz) has a damping ratio of 0.4,
+/// and the wheels' spin (about 120 rad/s) is still far from the stability limit of explicit steps of 1 ms.
 const CARCASS_DAMPING: f64 = 0.03;
 
 /// The state of a tyre: deflections of the carcass in the wheel's frame, m.
@@ -28,12 +29,12 @@ pub(super) struct Tyre {
     deflection: [f64; 2],
 }
 
-/// What the tyre's contact patch sees during a step.
+/// Inputs of the tyre model during a step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
     /// Speed of the hub along the wheel's heading, m/s.
     pub(super) rolling: f64,
-    /// Sliding speed of the patch over the ground: along the wheel's heading, and to its left, m/s.
+    /// Sliding velocity of the patch over the ground: along the wheel's heading, and to its left, m/s.
     pub(super) sliding: [f64; 2],
     /// Vertical load, N.
     pub(super) load: f64,
@@ -73,7 +74,7 @@ fn normalised(patch: &Patch, deflection: [f64; 2], sigma: f64) -> f64 {
     (patch.stiffness[0] * deflection[0]).hypot(patch.stiffness[1] * deflection[1]) / (sigma * patch.friction)
 }
 
-/// The brush model's force over its largest, for a normalised slip.
+/// Force of the brush model over its maximum, for a normalised slip.
 fn brush(rho: f64) -> f64 {
     let r = rho.min(SLIDING);
     r * (1.0 - r / 3.0 + r * r / 27.0)
@@ -96,14 +97,14 @@ mod tests {
         Patch { rolling, sliding, load: 3000.0, friction: 1.0, stiffness: [t.longitudinal, t.cornering_front] }
     }
 
-    /// The force after the tyre has rolled long enough.
+    /// The steady-state force.
     fn steady(p: &Patch) -> [f64; 2] {
         let mut tyre = Tyre::default();
         (0..20_000).map(|_| tyre.step(&tyres(), p, 0.001)).last().unwrap()
     }
 
     #[test]
-    fn slope_at_small_slip_is_the_stiffness_and_opposes_sliding() {
+    fn small_slip_force_is_linear_and_opposes_sliding() {
         let slip = 1e-4;
         let [x, y] = steady(&patch(10.0, [10.0 * slip, 0.0]));
         assert!((x / (-tyres().longitudinal * slip * 3000.0) - 1.0).abs() < 1e-3 && y == 0.0, "{x} {y}");
@@ -125,14 +126,14 @@ mod tests {
         let mut tyre = Tyre::default();
         let steps = (0..).take_while(|_| tyre.step(&t, &p, 1e-4)[1] / end < 1.0 - (-1.0f64).exp()).count();
         let distance = v * steps as f64 * 1e-4;
-        // the carcass's damping takes its own time constant off the lag
+        // the damping of the carcass reduces the lag by its time constant
         let expected = t.relaxation_length - v * CARCASS_DAMPING;
         assert!((distance / expected - 1.0).abs() < 0.1, "{distance} m, expected about {expected} m");
     }
 
     proptest! {
         #[test]
-        fn the_force_never_leaves_the_friction_circle(
+        fn the_force_stays_inside_the_friction_circle(
             v in -40.0..40.0, sx in -40.0..40.0, sy in -40.0..40.0, load in 0.0..8000.0, mu in 0.05..1.5, steps in 1usize..200,
         ) {
             let p = Patch { load, friction: mu, ..patch(v, [sx, sy]) };

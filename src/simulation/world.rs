@@ -1,4 +1,4 @@
-//! The rapier world: bodies, colliders, the clock, contacts and the log.
+//! The simulated world: bodies, colliders, the clock, contacts and the log.
 
 use std::sync::Arc;
 
@@ -21,14 +21,14 @@ use crate::map::{Obstacle, OccupancyGrid};
 use crate::trajectory::{Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
 
-/// A vehicle among obstacles, at a moment of a run. A clone goes its own way from there on: it is how a fallback is tried
-/// out in the middle of a run.
+/// A vehicle among obstacles at one instant of a run. A clone is an independent branch from there on: this is how a
+/// fallback is tested in the middle of a run.
 #[derive(Clone)]
 pub struct World {
     vehicle: Arc<Vehicle>,
-    /// What the controller and the actuators take the vehicle for.
+    /// The vehicle model that controller and actuators assume.
     believed: Arc<Vehicle>,
-    controls: Arc<dyn Controller>,
+    controller: Arc<dyn Controller>,
     settings: Settings,
     physics: Physics,
     frame: Frame,
@@ -42,7 +42,7 @@ pub struct World {
     command: Command,
     dead_time: DeadTime,
     localisation: Localisation,
-    /// What the tyres and the air did to the body in the last step.
+    /// Mean force and torque of tyres and drag on the body in the last step.
     wrench: Wrench,
     start_time: f64,
     steps: u64,
@@ -51,23 +51,23 @@ pub struct World {
     ended: Option<Ended>,
 }
 
-/// Why a run cannot go on.
+/// The reason why a run has ended.
 #[derive(Debug, Clone, Copy)]
 enum Ended {
     Contact(Contact),
     Broke(f64),
 }
 
-/// What the log calls wanted.
-struct Wanted {
+/// The reference written to the log.
+struct Reference {
     pose: Pose,
     speed: f64,
     station: f64,
 }
 
 impl World {
-    /// Puts the vehicle at its initial state among the obstacles. Wheels roll without slip and the actuators have settled
-    /// on the initial acceleration and steering.
+    /// Places the vehicle in its initial state among the obstacles. Wheels roll without slip, and the actuators are in
+    /// steady state at the initial acceleration and steering.
     ///
     /// # Errors
     /// A setting out of its range, or a number that is not finite in the initial state or in an obstacle.
@@ -96,7 +96,7 @@ impl World {
         let vehicle = Arc::new(vehicle.clone());
         let mut world = Self {
             believed: Arc::clone(&vehicle),
-            controls: Arc::new(TrackingController),
+            controller: Arc::new(TrackingController),
             settings: *settings,
             physics,
             frame,
@@ -121,7 +121,7 @@ impl World {
         Ok(world)
     }
 
-    /// The same world with the occupied cells of a grid in it. To be called before the run begins.
+    /// Adds the occupied cells of a grid. To be called before the run begins.
     #[must_use]
     pub fn with_occupancy(mut self, grid: &OccupancyGrid) -> Self {
         self.cells = Some(Cells::new(grid));
@@ -129,7 +129,7 @@ impl World {
         self
     }
 
-    /// The same world with something wrong in it that nobody in the vehicle knows of. To be called before the run begins.
+    /// Adds disturbances that are unknown to the vehicle. To be called before the run begins.
     #[must_use]
     pub fn disturbed(mut self, disturbances: &Disturbances) -> Self {
         if let Some(believed) = &disturbances.believed {
@@ -140,18 +140,17 @@ impl World {
         self
     }
 
-    /// The same world with another controller than [`TrackingController`].
+    /// Replaces the default [`TrackingController`].
     #[must_use]
-    pub fn controlled_by(mut self, controls: Arc<dyn Controller>) -> Self {
-        self.controls = controls;
+    pub fn controlled_by(mut self, controller: Arc<dyn Controller>) -> Self {
+        self.controller = controller;
         self
     }
 
-    /// The same world on a road with these patches of other friction, in the scenario's coordinates. To be called before
-    /// the run begins.
+    /// Adds patches of different friction, in the scenario's coordinates. To be called before the run begins.
     ///
     /// # Errors
-    /// A region that is none, by its index.
+    /// [`SimulationError::Friction`] names the index of an invalid region.
     pub fn with_friction(mut self, regions: &[FrictionRegion]) -> Result<Self, SimulationError> {
         self.friction = Some(Arc::new(FrictionMap::new(regions, &self.frame)?)).filter(|_| !regions.is_empty());
         self.review();
@@ -164,13 +163,14 @@ impl World {
         self.start_time + self.steps as f64 * self.settings.step
     }
 
-    /// Whether the run is over: contact, or broken numbers. Nothing moves any more then.
+    /// Whether the run has ended: by a contact, or by a number that is not finite. A world that has ended does not move
+    /// any more.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         self.ended.is_some()
     }
 
-    /// The vehicle as measured now.
+    /// The true state of the vehicle.
     #[must_use]
     pub fn state(&self) -> State {
         let (pose, motion) = self.measured();
@@ -184,41 +184,41 @@ impl World {
         }
     }
 
-    /// The vehicle as it takes itself to be now: [`World::state`] with the localisation's error.
+    /// The state that the vehicle measures: [`World::state`] with the localisation error.
     #[must_use]
     pub fn localised(&self) -> State {
-        self.localisation.seen(&self.state())
+        self.localisation.localised(&self.state())
     }
 
-    /// Drives along the trajectory until the time `until` (s of the run), logging at the settings' rate. Ends early, with
-    /// the reason in the log, on contact or on numbers that are not finite; a world that has ended stays as it is.
+    /// Follows the trajectory until the time `until` (s of the run), logging at the configured rate. Ends early, with
+    /// the reason in the log, at a contact or at a number that is not finite; a world that has ended does not change.
     pub fn follow(&mut self, trajectory: &Trajectory, until: f64, log: &mut Log) {
-        let (vehicle, controls) = (Arc::clone(&self.believed), Arc::clone(&self.controls));
+        let (vehicle, controller) = (Arc::clone(&self.believed), Arc::clone(&self.controller));
         let period = 1.0 / self.settings.control_rate_hz;
         self.run(
             until,
             log,
-            |state| controls.command(&vehicle, trajectory, state, period),
+            |state| controller.command(&vehicle, trajectory, state, period),
             |state| {
                 let TrajectoryPoint { pose, speed, station, .. } = trajectory.at(state.time);
-                Wanted { pose, speed, station }
+                Reference { pose, speed, station }
             },
         );
     }
 
-    /// Holds one command until the time `until`, as an emergency stop does: no trajectory, no controller. What the log
-    /// calls wanted is what was measured.
+    /// Holds one command until the time `until` (s of the run), as an emergency stop does: no trajectory, no
+    /// controller. The logged reference equals the measured state.
     pub fn hold(&mut self, command: Command, until: f64, log: &mut Log) {
-        self.run(until, log, |_| command, |state| Wanted { pose: state.pose, speed: state.speed, station: 0.0 });
+        self.run(until, log, |_| command, |state| Reference { pose: state.pose, speed: state.speed, station: 0.0 });
     }
 
-    /// Steps up to `until`: decide, step, look for contacts, log.
+    /// Steps until `until`: decide, step, find contacts, log.
     fn run(
         &mut self,
         until: f64,
         log: &mut Log,
         decide: impl Fn(&State) -> Command,
-        wanted: impl Fn(&State) -> Wanted,
+        reference: impl Fn(&State) -> Reference,
     ) {
         let (decision, sample) = (self.settings.steps_per_decision(), self.settings.steps_per_sample());
         let half = 0.5 * self.settings.step;
@@ -231,20 +231,20 @@ impl World {
                     self.ended = Some(Ended::Broke(self.time()));
                     break;
                 }
-                self.dead_time.ask(self.steps, command);
+                self.dead_time.send(self.steps, command);
             }
             self.command = self.dead_time.arrived(self.steps).unwrap_or(self.command);
             if log.samples.is_empty() {
-                log.samples.push(self.sample(&wanted(&self.state())));
+                log.samples.push(self.sample(&reference(&self.state())));
             }
             first = false;
             self.step();
             if self.ended.is_some() || self.steps.is_multiple_of(sample) {
-                log.samples.push(self.sample(&wanted(&self.state())));
+                log.samples.push(self.sample(&reference(&self.state())));
             }
         }
         if self.ended.is_none() {
-            // contacts of the last poses: a step finds those of the poses before it
+            // contacts of the final poses: a step finds those of the poses before it
             self.physics.find_contacts();
             let state = self.state();
             self.ended = self.contact(state.time, state.speed).map(Ended::Contact);
@@ -256,12 +256,12 @@ impl World {
         }
     }
 
-    /// One step of physics. Contacts are those of the poses before the step.
+    /// Advances the physics by one step. Contacts are those of the poses before the step.
     fn step(&mut self) {
         let (time, dt) = (self.time(), self.settings.step);
         let (_, motion) = self.measured();
         self.actuators.step(&self.believed, &self.command, motion.forward, dt);
-        self.look_up_friction();
+        self.update_friction();
         let wrench = self.gear.step(&self.vehicle, &self.actuators, &motion, dt);
         if ![wrench.forward, wrench.left, wrench.yaw].iter().all(|v| v.is_finite()) {
             self.ended = Some(Ended::Broke(time));
@@ -270,30 +270,30 @@ impl World {
         self.wrench = wrench;
         self.physics.push(self.chassis, &wrench);
         self.obstacles.drive(&mut self.physics.bodies, time + dt);
-        let sane = self.physics.step();
+        let is_finite = self.physics.step();
         let contact = self.contact(time, motion.forward);
         self.steps += 1;
         self.yaw += wrap_angle(self.rear_axle().yaw - self.yaw);
         self.place_obstacles();
         if let Some(contact) = contact {
             self.ended = Some(Ended::Contact(contact));
-        } else if !sane {
+        } else if !is_finite {
             self.ended = Some(Ended::Broke(time + dt));
         }
     }
 
-    /// Tells each wheel what it stands on.
-    fn look_up_friction(&mut self) {
+    /// Sets the friction below each wheel.
+    fn update_friction(&mut self) {
         let Some(map) = &self.friction else { return };
         let place = self.physics.bodies[self.chassis].position();
         let dry = self.settings.friction_scale * self.vehicle.tyres.friction;
-        self.gear.stand_on([0, 1, 2, 3].map(|wheel| {
+        self.gear.set_friction([0, 1, 2, 3].map(|wheel| {
             let (x, y) = wheel_position(&self.vehicle, wheel);
             dry * map.at(place.transform_point(RapierVector::new(x, y)))
         }));
     }
 
-    /// Gives the obstacles that exist now their bodies; from time to time, decides what is near.
+    /// Updates the bodies of the obstacles that exist now; at intervals, reviews which are near.
     fn place_obstacles(&mut self) {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 50 to 10,000 steps: see Settings::validate
         let interval = (REVIEW / self.settings.step) as u64;
@@ -304,14 +304,14 @@ impl World {
         self.obstacles.place(&mut self.physics, time);
     }
 
-    /// Decides which obstacles and cells the vehicle may meet before the next review.
+    /// Finds the obstacles and cells that the vehicle may meet before the next review.
     fn review(&mut self) {
         let (pose, motion) = self.measured();
-        let stickiest = self.friction.as_ref().map_or(1.0, |map| map.largest());
-        let strongest = self.settings.friction_scale * stickiest * self.vehicle.tyres.friction * GRAVITY;
+        let max_factor = self.friction.as_ref().map_or(1.0, |map| map.largest());
+        let max_acceleration = self.settings.friction_scale * max_factor * self.vehicle.tyres.friction * GRAVITY;
         let speed = motion.forward.hypot(motion.left) + self.vehicle.length * motion.yaw_rate.abs();
-        // twice what the tyres can do: drag, turning and rapier's contact margin are in it too
-        let travel = speed * REVIEW + strongest * REVIEW * REVIEW + 0.5;
+        // twice the travel from the tyres' acceleration: covers drag, turning and rapier's contact margin too
+        let travel = speed * REVIEW + max_acceleration * REVIEW * REVIEW + 0.5;
         let reach = self.vehicle.footprint.reach() + travel;
         self.obstacles.review(self.time(), pose.position, reach);
         if let Some(cells) = &mut self.cells {
@@ -319,7 +319,7 @@ impl World {
         }
     }
 
-    /// The deepest contact with an obstacle of the lowest index, else with a cell, if any is touched.
+    /// The deepest contact with the obstacle of the lowest index, else with a cell, if any.
     fn contact(&self, time: f64, speed: f64) -> Option<Contact> {
         let pairs = self
             .footprint
@@ -331,7 +331,7 @@ impl World {
         Some(Contact { time, with, at_rear_axle_frame: at, speed })
     }
 
-    /// What a part touches: the obstacle's index, the distance (negative) and the place in the rear-axle frame.
+    /// Contact of a footprint part: index of the obstacle, distance (negative) and position in the rear-axle frame.
     fn touch(&self, part: &PartCollider, pair: &ContactPair) -> Option<(u128, f64, Point)> {
         let (_, deepest) = pair.find_deepest_contact()?;
         if deepest.dist > 0.0 {
@@ -351,8 +351,8 @@ impl World {
         self.frame.pose_out(body.position()).advanced(-self.vehicle.rear_axle_to_mass)
     }
 
-    /// Rear-axle pose, and the motion of the centre of mass in the body's frame. The forward speed is that of the rear
-    /// axle too.
+    /// Rear-axle pose, and the motion of the centre of mass in the body frame. Its forward speed is also that of the
+    /// rear axle.
     fn measured(&self) -> (Pose, Motion) {
         let body = &self.physics.bodies[self.chassis];
         let velocity = body.rotation().inverse_transform_vector(body.linvel());
@@ -360,7 +360,7 @@ impl World {
         (Pose { yaw: self.yaw, ..self.rear_axle() }, motion)
     }
 
-    fn sample(&self, wanted: &Wanted) -> Sample {
+    fn sample(&self, reference: &Reference) -> Sample {
         let (pose, motion) = self.measured();
         Sample {
             time: self.time(),
@@ -373,9 +373,9 @@ impl World {
             steering: self.actuators.steering,
             commanded_acceleration: self.command.acceleration,
             commanded_steering: self.command.steering,
-            reference_pose: wanted.pose,
-            reference_speed: wanted.speed,
-            reference_station: wanted.station,
+            reference_pose: reference.pose,
+            reference_speed: reference.speed,
+            reference_station: reference.station,
         }
     }
 }

@@ -1,84 +1,89 @@
-//! The speed lattice that all strategies search: its states, its actions, its duplicates and what a search may spend.
+//! The speed lattice that all strategies search: states, actions, duplicate detection and budgets.
 //!
-//! A state is (node, speed, time). The actions from it cross one cell at the comfortable acceleration, at constant speed,
-//! at the comfortable deceleration and, where the phase allows it, at the aggressive deceleration; at rest, where
-//! something moves on the road, there is waiting. Two things are not in the paper and matter:
+//! A state is (node, speed, time). An action crosses one cell with the comfortable acceleration, at constant speed,
+//! with the comfortable deceleration or, in phases that allow it, with the aggressive deceleration. At standstill, if
+//! the road has moving obstacles, the vehicle can also wait. Two details are not in the paper:
 //!
-//! - **The clip.** When v² < 2dΔs the vehicle stops inside the cell. The deceleration is clipped so that rest falls on the
-//!   next node; without it most start speeds could never reach exactly zero, and every proof would fail.
-//! - **Lost states** ([`super::inevitable_collision`]) are dropped when they are popped and count as expanded.
+//! - **Clipped deceleration.** If v² < 2dΔs, the vehicle stops inside the cell. The action clips the deceleration so
+//!   that the vehicle stops at the next node. Without the clip, most start speeds never reach exactly zero and every
+//!   proof fails.
+//! - **Inevitable collision states** ([`super::inevitable_collision`]) are pruned when they leave the open list. They
+//!   count as expanded.
 //!
-//! Duplicates are states of one node, one speed bin and one time bin ([`Resolution`]); a key packs the three into a `u64`.
-//! Where nothing moves, all times are one bin. Nodes, open list and closed list keep their memory from search to search:
-//! the inner loop allocates nothing once they have grown.
+//! States of one node, speed bin and time bin are duplicates ([`Resolution`]); a key packs the three indices into a
+//! `u64`. Without moving obstacles all times share one bin. States, open list and closed list keep their capacity from
+//! search to search, so that the inner loop does not allocate in the steady state.
 
 use std::cell::Cell;
 use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
 
-use super::inevitable_collision::InevitableCollision;
+use super::inevitable_collision::InevitableCollisionStates;
 use super::{Resolution, SpeedPlan, SpeedProblem, SpeedState, Statistics};
 
-/// Speeds below this are rest (m/s): a rounding guard, far below the slowest speed an edge can produce.
-pub(super) const REST: f64 = 1e-6;
-/// A time within this of a bin's border lies in the later bin, in bins: rounding must not decide.
-const ON_GRID: f64 = 1e-6;
+/// The vehicle stands below this speed, m/s: far above rounding errors, far below the slowest speed after an action.
+pub(super) const STANDSTILL_SPEED: f64 = 1e-6;
+/// Tolerance for rounding errors of distances (m) and squared speeds (m²/s²).
+pub(super) const ROUNDING: f64 = 1e-6;
+/// A time this close below a bin border belongs to the later bin, in bins: rounding must not decide.
+const BIN_TOLERANCE: f64 = 1e-6;
 
-/// How a search orders its open list and how hard it may brake.
+/// Expansion order and available actions of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
-    /// Nearest to the goal, then earliest, then fastest; comfortable actions.
+    /// Nearest to the last node first, then earliest, then fastest; comfortable actions only.
     Explore,
-    /// For a stop; the aggressive deceleration too.
+    /// In [`ProofOrder`]; with the aggressive deceleration.
     Proof,
 }
 
-/// A state met by a search.
+/// A generated state.
 pub(super) struct Node {
     pub(super) state: SpeedState,
     pub(super) parent: usize,
-    /// Of its duplicates.
+    /// Key shared by all duplicates.
     key: u64,
 }
 
+/// Parent index of the root.
 pub(super) const NO_PARENT: usize = usize::MAX;
 
-/// What a search writes to. Its contents do not outlive the search, its capacity does.
+/// Working memory of a search. Later searches reuse its capacity.
 #[derive(Default)]
 struct Memory {
     nodes: Vec<Node>,
-    /// Of the search that goes on.
-    front: Front,
-    /// Of the one that is set aside ([`Lattice::swap_fronts`]).
-    aside: Front,
+    /// Lists of the running search.
+    active: SearchLists,
+    /// Lists of the suspended search ([`Lattice::swap_searches`]).
+    suspended: SearchLists,
 }
 
-/// What a search has open and what it has closed.
+/// Open and closed list of a search.
 #[derive(Default)]
-struct Front {
+struct SearchLists {
     open: BinaryHeap<Open>,
     closed: Closed,
 }
 
-impl Front {
+impl SearchLists {
     fn clear(&mut self) {
         self.open.clear();
         self.closed.clear();
     }
 
-    /// Bytes for numbers of open and closed states.
+    /// Bytes for a number of open and of closed states.
     fn bytes(open: usize, closed: usize) -> usize {
         open * size_of::<Open>() + hash_table_bytes::<u64>(closed)
     }
 }
 
-/// Bytes of a hash table with so many entries: there is a byte of control beside each slot, and seven of eight are filled.
+/// Bytes of a hash table with a number of entries: one control byte per slot and a load factor of 7/8.
 pub(super) fn hash_table_bytes<T>(entries: usize) -> usize {
     entries * (size_of::<T>() + 1) * 8 / 7
 }
 
-/// What orders the open list; the smallest rank is expanded first. Ties go to the older node.
+/// An entry of the open list. The smallest rank is expanded first; ties go to the older node.
 #[derive(PartialEq)]
 struct Open {
     rank: [f64; 3],
@@ -89,7 +94,7 @@ impl Eq for Open {}
 
 impl Ord for Open {
     fn cmp(&self, other: &Self) -> Ordering {
-        // reversed: BinaryHeap pops its largest element
+        // reversed, because BinaryHeap pops its largest element
         let by_rank = (0..3).map(|i| other.rank[i].total_cmp(&self.rank[i])).find(|o| o.is_ne());
         by_rank.unwrap_or_else(|| other.index.cmp(&self.index))
     }
@@ -101,7 +106,8 @@ impl PartialOrd for Open {
     }
 }
 
-/// Multiplicative hashing of one `u64` key (Knuth, TAOCP 3, §6.4): the keys are small packed integers of our own.
+/// Multiplicative hashing of a `u64` key (Knuth, TAOCP 3, §6.4). The keys are packed indices and need no protection
+/// against hostile input.
 #[derive(Default)]
 pub(super) struct KeyHasher(u64);
 
@@ -121,19 +127,19 @@ impl Hasher for KeyHasher {
 
 type Closed = HashSet<u64, BuildHasherDefault<KeyHasher>>;
 
-/// The stations × speeds × times of one problem, and one search's way through them.
+/// The lattice of one problem, with the state of one search.
 pub(super) struct Lattice<'a> {
     pub(super) problem: &'a SpeedProblem,
     pub(super) resolution: Resolution,
     time_matters: bool,
-    inevitable_collision: InevitableCollision<'a>,
+    inevitable_collision: InevitableCollisionStates<'a>,
     memory: Memory,
     pub(super) statistics: Statistics,
-    /// Which budget ended a search, if one did.
-    pub(super) spent: Option<Budget>,
+    /// The budget that ended a search, if one did.
+    pub(super) exhausted: Option<Budget>,
 }
 
-/// What a search may spend.
+/// A budget of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Budget {
     /// [`Resolution::expansions`].
@@ -142,8 +148,8 @@ pub enum Budget {
     Memory,
 }
 
-/// Runs a search on a lattice whose memory is kept from search to search of this thread: a cycle makes dozens, each with
-/// up to a megabyte of nodes.
+/// Runs a search on a lattice. The thread keeps the working memory for its next search: a planning cycle runs dozens,
+/// each with up to a megabyte of nodes.
 pub(super) fn with<T>(
     problem: &SpeedProblem,
     resolution: &Resolution,
@@ -156,95 +162,95 @@ pub(super) fn with<T>(
         let mut lattice = Lattice::new(problem, *resolution, kept.take());
         let found = search(&mut lattice);
         lattice.clear_closed();
-        lattice.swap_fronts();
+        lattice.swap_searches();
         lattice.clear_closed();
-        let Lattice { memory, statistics, spent, .. } = lattice;
-        // what a rare large search needed is given back
-        if memory.bytes() <= KEPT_BYTES {
+        let Lattice { memory, statistics, exhausted, .. } = lattice;
+        // releases the memory of a rare large search
+        if memory.bytes() <= MAX_KEPT_BYTES {
             kept.set(memory);
         }
-        (found, statistics, spent)
+        (found, statistics, exhausted)
     })
 }
 
-/// Memory kept from search to search, bytes.
-const KEPT_BYTES: usize = 16 << 20;
+/// Maximum working memory that a thread keeps between searches, bytes.
+const MAX_KEPT_BYTES: usize = 16 << 20;
 
 impl Memory {
-    /// Bytes reserved.
+    /// Reserved bytes.
     fn bytes(&self) -> usize {
-        let fronts = [&self.front, &self.aside].map(|f| Front::bytes(f.open.capacity(), f.closed.capacity()));
-        self.nodes.capacity() * size_of::<Node>() + fronts.iter().sum::<usize>()
+        let lists = [&self.active, &self.suspended].map(|f| SearchLists::bytes(f.open.capacity(), f.closed.capacity()));
+        self.nodes.capacity() * size_of::<Node>() + lists.iter().sum::<usize>()
     }
 
-    /// Bytes in use; they do not depend on what an earlier search left reserved.
+    /// Bytes in use, independent of the capacity that earlier searches left.
     fn bytes_in_use(&self) -> usize {
-        let fronts = [&self.front, &self.aside].map(|f| Front::bytes(f.open.len(), f.closed.len()));
-        self.nodes.len() * size_of::<Node>() + fronts.iter().sum::<usize>()
+        let lists = [&self.active, &self.suspended].map(|f| SearchLists::bytes(f.open.len(), f.closed.len()));
+        self.nodes.len() * size_of::<Node>() + lists.iter().sum::<usize>()
     }
 }
 
 impl<'a> Lattice<'a> {
     fn new(problem: &'a SpeedProblem, resolution: Resolution, mut memory: Memory) -> Self {
         memory.nodes.clear();
-        memory.front.clear();
-        memory.aside.clear();
+        memory.active.clear();
+        memory.suspended.clear();
         let time_matters = problem.time_matters() || resolution.always_timed;
-        let inevitable_collision = InevitableCollision::new(problem);
+        let inevitable_collision = InevitableCollisionStates::new(problem);
         let statistics = Statistics::default();
         let mut lattice =
-            Self { problem, resolution, time_matters, inevitable_collision, memory, statistics, spent: None };
+            Self { problem, resolution, time_matters, inevitable_collision, memory, statistics, exhausted: None };
         let root = SpeedState { node: 0, speed: problem.start_speed, time: problem.start_time };
         let key = lattice.key(&root);
         lattice.memory.nodes.push(Node { state: root, parent: NO_PARENT, key });
         lattice
     }
 
-    /// The state at an index; the root is at 0.
+    /// The state of a node index; the root has index 0.
     pub(super) fn state(&self, index: usize) -> SpeedState {
         self.memory.nodes[index].state
     }
 
-    /// The state before, [`NO_PARENT`] for the root.
+    /// The parent of a node index; [`NO_PARENT`] for the root.
     pub(super) fn parent(&self, index: usize) -> usize {
         self.memory.nodes[index].parent
     }
 
-    /// Whether the state is a safe one: at rest, where resting is allowed, untouched to the horizon.
+    /// Whether the state is safe ([`SpeedProblem::is_safe_standstill`]).
     pub(super) fn is_safe(&self, index: usize) -> bool {
         let state = self.state(index);
-        state.speed <= REST && self.problem.is_safe_standstill(state.node, state.time)
+        state.speed <= STANDSTILL_SPEED && self.problem.is_safe_standstill(state.node, state.time)
     }
 
-    /// Makes `from` the only open state.
+    /// Starts a search: `from` becomes the only open state.
     pub(super) fn begin(&mut self, from: usize, phase: Phase) {
-        self.memory.front.open.clear();
+        self.memory.active.open.clear();
         let rank = self.rank(&self.memory.nodes[from].state, phase);
-        self.memory.front.open.push(Open { rank, index: from });
+        self.memory.active.open.push(Open { rank, index: from });
     }
 
-    /// Forgets which states were expanded.
+    /// Clears the closed list of the running search.
     pub(super) fn clear_closed(&mut self) {
-        self.statistics.closed += self.memory.front.closed.len();
-        self.memory.front.closed.clear();
+        self.statistics.closed += self.memory.active.closed.len();
+        self.memory.active.closed.clear();
     }
 
-    /// Sets the search that goes on aside, and takes up the one that was.
-    pub(super) fn swap_fronts(&mut self) {
-        let Memory { front, aside, .. } = &mut self.memory;
-        std::mem::swap(front, aside);
+    /// Suspends the running search and resumes the suspended one.
+    pub(super) fn swap_searches(&mut self) {
+        let Memory { active, suspended, .. } = &mut self.memory;
+        std::mem::swap(active, suspended);
     }
 
-    /// Takes the best open state that is neither closed nor lost, and closes it. Lost states count as expanded: to see
-    /// that they are takes about as long.
+    /// Pops and closes the best open state that is neither closed nor an inevitable collision state. Inevitable
+    /// collision states count as expanded, because the test takes about as long as an expansion.
     pub(super) fn next(&mut self, phase: Phase, budget: &mut usize) -> Option<usize> {
-        let braking = self.strongest(phase);
-        while let Some(Open { index, .. }) = self.memory.front.open.pop() {
+        let braking = self.hardest_braking(phase);
+        while let Some(Open { index, .. }) = self.memory.active.open.pop() {
             let Node { state, key, .. } = &self.memory.nodes[index];
-            if !self.memory.front.closed.insert(*key) {
+            if !self.memory.active.closed.insert(*key) {
                 continue;
             }
-            if !self.inevitable_collision.is_inevitable_collision(state, braking) {
+            if !self.inevitable_collision.contains(state, braking) {
                 return Some(index);
             }
             if !self.charge(budget) {
@@ -254,26 +260,26 @@ impl<'a> Lattice<'a> {
         None
     }
 
-    /// Hardest braking of a phase, m/s².
-    pub(super) fn strongest(&self, phase: Phase) -> f64 {
+    /// Maximum deceleration of a phase, m/s².
+    pub(super) fn hardest_braking(&self, phase: Phase) -> f64 {
         let limits = &self.problem.limits;
         if phase == Phase::Explore { limits.deceleration } else { limits.aggressive_deceleration }
     }
 
-    /// Pays for an expansion; whether there was something left to pay with.
+    /// Charges one expansion to the budgets. Returns `false` if a budget is exhausted.
     pub(super) fn charge(&mut self, budget: &mut usize) -> bool {
         let bytes = self.memory.bytes_in_use();
         self.charge_with(budget, bytes)
     }
 
-    /// [`Self::charge`] for a search that keeps its states itself, in so many bytes.
+    /// [`Self::charge`] for a search with its own working memory of `bytes` bytes.
     pub(super) fn charge_with(&mut self, budget: &mut usize, bytes: usize) -> bool {
         if *budget == 0 {
-            self.spent = Some(Budget::Expansions);
+            self.exhausted = Some(Budget::Expansions);
             return false;
         }
         if bytes > self.resolution.memory {
-            self.spent = Some(Budget::Memory);
+            self.exhausted = Some(Budget::Memory);
             return false;
         }
         self.statistics.bytes = self.statistics.bytes.max(bytes);
@@ -284,42 +290,43 @@ impl<'a> Lattice<'a> {
 
     /// Whether the aggressive deceleration stops the vehicle before the last node.
     pub(super) fn can_stop_from(&self, state: &SpeedState) -> bool {
-        let room = self.problem.end() - self.problem.stations[state.node];
-        state.speed * state.speed <= 2.0 * self.problem.limits.aggressive_deceleration * room + REST
+        let available = self.problem.end() - self.problem.stations[state.node];
+        state.speed * state.speed <= 2.0 * self.problem.limits.aggressive_deceleration * available + ROUNDING
     }
 
-    /// Opens the states that the actions of a phase lead to.
+    /// Adds the successors of a node to the open list.
     pub(super) fn expand(&mut self, index: usize, phase: Phase) {
         let from = self.memory.nodes[index].state;
-        let rules = Rules { problem: self.problem, wait: self.waits(), braking: self.strongest(phase) };
-        rules.successors(&from, |to| self.push(to, index, phase));
+        let actions =
+            Actions { problem: self.problem, wait: self.waiting_time(), braking: self.hardest_braking(phase) };
+        actions.successors(&from, |to| self.push(to, index, phase));
     }
 
-    /// Duration of the waiting action, s, if there is one.
-    pub(super) fn waits(&self) -> Option<f64> {
+    /// Duration of the waiting action, s. `None` if time does not matter.
+    pub(super) fn waiting_time(&self) -> Option<f64> {
         self.time_matters.then_some(self.resolution.wait)
     }
 
     fn push(&mut self, state: SpeedState, parent: usize, phase: Phase) {
         let key = self.key(&state);
-        if self.memory.front.closed.contains(&key) {
+        if self.memory.active.closed.contains(&key) {
             return;
         }
         let index = self.memory.nodes.len();
         self.memory.nodes.push(Node { state, parent, key });
-        self.memory.front.open.push(Open { rank: self.rank(&state, phase), index });
+        self.memory.active.open.push(Open { rank: self.rank(&state, phase), index });
     }
 
     fn rank(&self, s: &SpeedState, phase: Phase) -> [f64; 3] {
-        let to_go = -(s.node as f64);
+        let distance_to_goal = -(s.node as f64);
         match (phase, self.resolution.proof_order) {
-            (Phase::Explore, _) => [to_go, s.time, -s.speed],
-            (Phase::Proof, ProofOrder::StoppingDistance) => [s.speed, s.time, to_go],
-            (Phase::Proof, ProofOrder::NearestGoal) => [to_go, s.speed, s.time],
+            (Phase::Explore, _) => [distance_to_goal, s.time, -s.speed],
+            (Phase::Proof, ProofOrder::StoppingDistance) => [s.speed, s.time, distance_to_goal],
+            (Phase::Proof, ProofOrder::NearestGoal) => [distance_to_goal, s.speed, s.time],
         }
     }
 
-    /// Packs station, speed bin and time bin: 16 + 24 + 24 bits. The last bin of a kind holds all beyond.
+    /// Packs node, speed bin and time bin into 16 + 24 + 24 bits. The last bin includes all larger values.
     fn key(&self, s: &SpeedState) -> u64 {
         const LAST: u64 = (1 << 24) - 1;
         let (speed, time) = self.bins(s);
@@ -331,14 +338,14 @@ impl<'a> Lattice<'a> {
     pub(super) fn bins(&self, s: &SpeedState) -> (usize, usize) {
         let speed = (s.speed / self.resolution.speed).round() as usize;
         let time = if self.time_matters {
-            ((s.time - self.problem.start_time) / self.resolution.time + ON_GRID).floor() as usize
+            ((s.time - self.problem.start_time) / self.resolution.time + BIN_TOLERANCE).floor() as usize
         } else {
             0
         };
         (speed, time)
     }
 
-    /// The plan that leads to a state; what comes after `proof_root` on it is its proof.
+    /// The plan that ends at the node `end`. Its stopping proof begins at the node `proof_root`.
     pub(super) fn plan_to(&self, end: usize, proof_root: usize) -> SpeedPlan {
         let mut states = Vec::new();
         let mut proof_starts = 0;
@@ -356,65 +363,66 @@ impl<'a> Lattice<'a> {
     }
 }
 
-/// The actions of a search.
-pub(super) struct Rules<'a> {
+/// The actions available to a search.
+pub(super) struct Actions<'a> {
     pub(super) problem: &'a SpeedProblem,
-    /// Duration of the waiting action at rest, s; `None` where time does not matter.
+    /// Duration of the waiting action at standstill, s. `None` if time does not matter.
     pub(super) wait: Option<f64>,
-    /// Hardest braking, m/s².
+    /// Maximum deceleration, m/s².
     pub(super) braking: f64,
 }
 
-impl Rules<'_> {
-    /// The free states that the actions lead to, in a fixed order: wait, accelerate, hold, decelerate, brake hard.
+impl Actions<'_> {
+    /// Visits the collision-free successors in a fixed order: wait, accelerate, keep speed, decelerate, brake hard.
     pub(super) fn successors(&self, from: &SpeedState, mut visit: impl FnMut(SpeedState)) {
         let p = self.problem;
-        if from.speed <= REST {
-            self.waited(from).into_iter().for_each(&mut visit);
+        if from.speed <= STANDSTILL_SPEED {
+            self.wait(from).into_iter().for_each(&mut visit);
         }
         if from.node >= p.cells() {
             return;
         }
         let ds = p.stations[from.node + 1] - p.stations[from.node];
-        let (v2, cap) = (from.speed * from.speed, p.speed_limits[from.node + 1]);
+        let (v2, speed_limit) = (from.speed * from.speed, p.speed_limits[from.node + 1]);
         let limits = &p.limits;
-        // A start above the cap may stay above it while it brakes as hard as this phase allows.
+        // a start above the speed limit is valid while the vehicle brakes as hard as the phase allows
         let lowest = (v2 - 2.0 * self.braking * ds).max(0.0).sqrt();
-        let admissible = |v: f64| v <= cap.max(lowest);
-        let mut cross = |speed: f64| self.crossed(from, ds, speed).into_iter().for_each(&mut visit);
+        let is_admissible = |v: f64| v <= speed_limit.max(lowest);
+        let mut cross = |speed: f64| self.cross(from, ds, speed).into_iter().for_each(&mut visit);
 
-        let faster = (v2 + 2.0 * limits.acceleration * ds).sqrt().min(cap);
+        let faster = (v2 + 2.0 * limits.acceleration * ds).sqrt().min(speed_limit);
         if faster > from.speed {
             cross(faster);
         }
-        let held = from.speed.min(cap).max(lowest);
-        if held > REST && admissible(held) {
-            cross(held);
+        let constant = from.speed.min(speed_limit).max(lowest);
+        if constant > STANDSTILL_SPEED && is_admissible(constant) {
+            cross(constant);
         }
         for deceleration in [limits.deceleration, limits.aggressive_deceleration] {
-            if deceleration > self.braking || from.speed <= REST {
+            if deceleration > self.braking || from.speed <= STANDSTILL_SPEED {
                 continue;
             }
-            // v² < 2dΔs stops inside the cell: the deceleration is clipped so that rest falls on the next node
+            // clipped: for v² < 2dΔs the vehicle stops at the next node
             let slower = (v2 - 2.0 * deceleration * ds).max(0.0).sqrt();
-            if (slower < held || held <= REST) && admissible(slower) {
+            if (slower < constant || constant <= STANDSTILL_SPEED) && is_admissible(slower) {
                 cross(slower);
             }
         }
     }
 
-    /// Waiting at rest: allowed where the pose stays free for the waiting time.
-    fn waited(&self, from: &SpeedState) -> Option<SpeedState> {
+    /// Waits at standstill, if the pose stays free for the waiting time.
+    fn wait(&self, from: &SpeedState) -> Option<SpeedState> {
         let time = from.time + self.wait?;
         let free = time <= self.problem.horizon && !self.problem.is_standstill_blocked(from.node, from.time, time);
         free.then_some(SpeedState { time, ..*from })
     }
 
-    /// The next node at a speed, unless the cell is blocked meanwhile.
-    fn crossed(&self, from: &SpeedState, ds: f64, speed: f64) -> Option<SpeedState> {
-        let speed = if speed <= REST { 0.0 } else { speed };
-        if from.speed + speed <= REST {
-            return None; // at rest and staying there: waiting is the action for that
+    /// Crosses the next cell, of length `ds` (m), to reach `speed` (m/s) at its far node, if the cell is free
+    /// meanwhile.
+    fn cross(&self, from: &SpeedState, ds: f64, speed: f64) -> Option<SpeedState> {
+        let speed = if speed <= STANDSTILL_SPEED { 0.0 } else { speed };
+        if from.speed + speed <= STANDSTILL_SPEED {
+            return None; // a stopped vehicle stays in place by waiting
         }
         let time = from.time + 2.0 * ds / (from.speed + speed);
         let free = !self.problem.is_blocked(from.node, from.time, time);
@@ -422,14 +430,14 @@ impl Rules<'_> {
     }
 }
 
-/// In which order a stopping proof expands its states. The theorems hold for any.
+/// Expansion order of a stopping proof. Theorems 1 and 2 hold for any order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ProofOrder {
-    /// Least stopping distance first, the safety heuristic `d_safe` of SafeRTS (Cserna et al. 2017): rest comes soon, and
-    /// no plan creeps.
+    /// Least stopping distance first: the safety heuristic `d_safe` of SafeRTS (Cserna et al. 2017). Proofs stop early
+    /// and rarely creep.
     #[default]
     StoppingDistance,
-    /// Nearest to the goal, then slowest: the order of the SafeTLP paper. Where rest is allowed at the goal only, it is the
-    /// one that gets there; it may crawl on its last metres.
+    /// Nearest to the goal first, then slowest: the order of the SafeTLP paper. It suits problems that allow stopping
+    /// at the goal only. Proofs may creep over their last metres.
     NearestGoal,
 }

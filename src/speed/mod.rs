@@ -1,20 +1,56 @@
-//! The speed layer: how fast to go along a path that is already chosen, so that a stop is always proven.
+//! Speed planning along a fixed path, such that every plan ends in a proven standstill.
 //!
-//! The state is (station, speed, time). Stations are nodes `s_0 < s_1 < … < s_n` along the path; an edge crosses the
-//! cell between two nodes at constant acceleration `a`, so that
+//! # Problem
+//!
+//! A [`SpeedProblem`] has *nodes* at stations `s_0 < s_1 < … < s_n` along the path. *Cell* `i` lies between the nodes
+//! `i` and `i + 1`; its *blocked intervals* `B_i` are the times at which the vehicle, anywhere in the cell, would touch
+//! a moving obstacle. A plan assigns a speed `v_i` and a time `t_i` to the nodes up to a last node `m ≤ n`:
 //!
 //! ```text
-//! v′² = v² + 2 a Δs        Δt = 2 Δs / (v + v′)
+//! find        m;  a_i for each cell i < m;  waiting times w_i for each node i ≤ m
+//! such that   v_{i+1}² = v_i² + 2 a_i Δs_i                    constant acceleration in a cell
+//!             t_{i+1} = t_i + w_i + 2 Δs_i / (v_i + v_{i+1})
+//!             a_i ∈ {a, 0, −d} in the nominal prefix, {a, 0, −d, −d_max} in the stopping proof
+//!             w_i = 0 unless v_i = 0
+//!             0 ≤ v_i ≤ v̄_i
+//!             B_i does not meet the time in cell i, [t_i + w_i, t_{i+1}]
+//!             v_m = 0 in a safe state
+//! preferring  a nominal prefix that gets far, then early, then fast
 //! ```
 //!
-//! A cell is *blocked* during the time intervals in which the vehicle, anywhere in that cell, would touch a moving
-//! obstacle. The planner searches this lattice by the SafeTLP algorithm (Cserna, Doyle, Gu, Ruml: *Safe Temporal Planning
-//! for Urban Driving*, Algorithm 1); [`Strategy`] names the methods that it is compared with, behind the same [`search`].
-//! [`smoothing`] makes the result jerk-limited through a quadratic program; [`prove`] checks any profile again, by other
-//! code than the search.
+//! An acceleration that would exceed the speed limit, or stop the vehicle inside the cell, is clipped so that the
+//! vehicle reaches the limit or the standstill at the next node. A start above the speed limit is valid while the
+//! vehicle brakes as hard as the phase allows.
 //!
-//! Weak spots: duplicates are detected on a grid of speed and time (see [`Resolution`]), so completeness holds for that
-//! grid and not for the continuum; edges have unbounded jerk until they are smoothed.
+//! | symbol | in code | unit |
+//! |---|---|---|
+//! | `Δs_i` | difference of two [`SpeedProblem::stations`] | m |
+//! | `v̄_i` | [`SpeedProblem::speed_limits`] | m/s |
+//! | `B_i` | [`SpeedProblem::blocked`] | s of the run |
+//! | `a`, `d` | comfortable acceleration and deceleration ([`AccelerationLimits`]) | m/s² |
+//! | `d_max` | aggressive deceleration | m/s² |
+//!
+//! A *safe state* is a standstill where stopping is allowed and no obstacle passes until the horizon. A *nominal
+//! prefix* is the part of the plan that the vehicle is meant to drive; the *stopping proof* after it is the fallback.
+//!
+//! # Technique
+//!
+//! The plan is a path through a lattice of (node, speed, time). [`Strategy::SafeTlp`] searches this lattice by
+//! Algorithm 1 of Cserna, Doyle, Gu and Ruml, *Safe Temporal Planning for Urban Driving*; [`Strategy`] lists the
+//! methods that the paper and this crate compare with it. [`smoothing`] then turns the raw profile into a jerk-limited
+//! one by a quadratic program, and [`prove()`] checks any profile against the problem, with code that it does not share
+//! with the searches.
+//!
+//! # Guarantee
+//!
+//! SafeTLP finds a plan if the lattice contains one (Theorem 1), and expands at most twice as many states as an
+//! exhaustive search (Theorem 2). `tests` checks both against plain enumeration.
+//!
+//! # Weakness
+//!
+//! The search detects duplicates on a grid of speed and time ([`Resolution`]), so it is complete for that grid and not
+//! for the continuum. SafeTLP minimises no cost: it fixes the nominal trajectory before it looks for proofs. The raw
+//! profile has unbounded jerk.
 
 pub mod bounds;
 mod inevitable_collision;
@@ -33,26 +69,26 @@ pub mod tail;
 pub use lattice::{Budget, ProofOrder};
 pub use outcome::{NoPlan, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
 pub use problem::{ProblemError, SpeedProblem};
-pub use prove::{Refutation, prove};
+pub use prove::{ProofViolation, prove};
 
-/// How the speed lattice is searched.
+/// A search method on the speed lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Strategy {
-    /// Best-first search to the end of the road at any speed. Proves nothing.
+    /// Best-first search to the last node at any speed. The plan has no stopping proof.
     Naive,
-    /// Exhaustive breadth-first search for a stop with comfortable actions: the conventional method.
+    /// Exhaustive breadth-first search for a standstill with comfortable actions: the conventional method.
     PlanToStop,
-    /// Algorithm 1 of the paper: complete.
+    /// Algorithm 1 of the SafeTLP paper. Complete.
     SafeTlp,
-    /// Explores and proves in turns under a budget, and returns the best proven prefix it has.
+    /// Alternates exploration and proofs under a budget. Returns the longest proven prefix.
     SafeRts,
 }
 
 impl Strategy {
-    /// All of them.
+    /// All strategies.
     pub const ALL: [Self; 4] = [Self::Naive, Self::PlanToStop, Self::SafeTlp, Self::SafeRts];
 
-    /// Its stable name.
+    /// The stable name.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -64,10 +100,10 @@ impl Strategy {
     }
 }
 
-/// Searches for a plan of the given strategy. Finding none is an outcome.
+/// Searches for a plan with a strategy. The absence of a plan is an outcome, not an error.
 ///
 /// # Errors
-/// A problem that makes no sense: see [`ProblemError`].
+/// [`ProblemError`] if the problem or the resolution is invalid.
 pub fn search(
     problem: &SpeedProblem,
     strategy: Strategy,
@@ -75,7 +111,7 @@ pub fn search(
 ) -> Result<SpeedOutcome, ProblemError> {
     problem.validate()?;
     resolution.validate()?;
-    let (plan, statistics, spent) = lattice::with(problem, resolution, |lattice| match strategy {
+    let (plan, statistics, exhausted) = lattice::with(problem, resolution, |lattice| match strategy {
         Strategy::Naive => Some(naive::search(lattice)),
         Strategy::PlanToStop => plan_to_stop::search(lattice),
         Strategy::SafeTlp => safe_tlp::search(lattice),
@@ -84,41 +120,41 @@ pub fn search(
     Ok(match plan {
         Some(plan) if strategy == Strategy::Naive => SpeedOutcome::Unproven { plan, statistics },
         Some(plan) => SpeedOutcome::Proven { plan, statistics },
-        None => SpeedOutcome::NoPlan { why: NoPlan::of(problem, spent), statistics },
+        None => SpeedOutcome::NoPlan { why: NoPlan::of(problem, exhausted), statistics },
     })
 }
 
 /// A closed time interval `(from, to)`, s of the run.
 pub type TimeInterval = (f64, f64);
 
-/// Accelerations of the search; decelerations are positive numbers.
+/// Acceleration limits of the search. Decelerations are positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AccelerationLimits {
     /// Comfortable acceleration, m/s².
     pub acceleration: f64,
     /// Comfortable deceleration, m/s².
     pub deceleration: f64,
-    /// Deceleration that only stopping proofs may use, m/s², at least the comfortable one.
+    /// Deceleration that only stopping proofs may use, m/s²; at least the comfortable one.
     pub aggressive_deceleration: f64,
 }
 
-/// Discretisation and budgets of the search. Budgets are counts, never times, so that results repeat.
+/// Discretisation and budgets of a search. Budgets are counts, never times, so that results are reproducible.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resolution {
-    /// States at one station within this speed of each other (and of the same time bin) are duplicates, m/s.
+    /// Width of a speed bin, m/s. States of one node, speed bin and time bin are duplicates.
     pub speed: f64,
-    /// Width of a time bin, s. Ignored where nothing moves, since then time does not matter.
+    /// Width of a time bin, s. Without moving obstacles all times share one bin.
     pub time: f64,
-    /// Duration of one waiting action at rest, s.
+    /// Duration of one waiting action at standstill, s.
     pub wait: f64,
-    /// Expansions allowed in each of the three phases of SafeTLP (naive search, all proofs together, exhaustive search),
-    /// and in all of the other strategies.
+    /// Maximum number of expansions: in each of the three phases of SafeTLP (naive search, all proofs together,
+    /// exhaustive search), or in the whole search of the other strategies.
     pub expansions: usize,
-    /// Memory that a search may use, bytes.
+    /// Memory limit of a search, bytes.
     pub memory: usize,
-    /// Whether states at different times are different even where nothing moves, as in the paper's lattice.
+    /// Uses time bins even without moving obstacles, as in the paper's lattice.
     pub always_timed: bool,
-    /// Order of the stopping proofs.
+    /// Expansion order of the stopping proofs.
     pub proof_order: ProofOrder,
 }
 
@@ -140,7 +176,7 @@ impl Default for Resolution {
 pub(crate) mod test_support {
     use super::{AccelerationLimits, SpeedProblem};
 
-    /// The paper's road: `length` metres in half-metre steps, 15 m/s, limit set 4 of Table 1, nothing in the way.
+    /// The paper's road: `length` metres in steps of half a metre, 15 m/s, limit set 4 of Table 1, no obstacles.
     pub(crate) fn empty_road(length: f64, start_speed: f64) -> SpeedProblem {
         let cells = (length / 0.5).round() as usize;
         SpeedProblem {

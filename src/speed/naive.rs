@@ -1,16 +1,18 @@
-//! The naive strategy: best-first search to the last station, at whatever speed. It is line 1 of SafeTLP, and alone it is
-//! what a planner without a proof would drive: nothing says that it can stop.
+//! The naive strategy: best-first search to the last node at any speed.
+//!
+//! This is line 1 of SafeTLP. As a strategy it shows what a planner without stopping proofs would drive.
 
 use super::SpeedPlan;
 use super::lattice::{Lattice, Phase};
 
-/// The plan to the state that came nearest to the end; its proof is empty, since there is none.
+/// The plan to the last node, or to the state nearest to it. It has no stopping proof.
 pub(super) fn search(lattice: &mut Lattice<'_>) -> SpeedPlan {
     let last = explore(lattice);
     lattice.plan_to(last, last)
 }
 
-/// Best-first search to the last station; the state that got nearest if none gets there.
+/// Best-first search to the last node. Returns the index of a state there, or of the first state at the farthest node
+/// reached.
 pub(super) fn explore(lattice: &mut Lattice<'_>) -> usize {
     let mut budget = lattice.resolution.expansions;
     let mut deepest = 0;

@@ -1,7 +1,7 @@
-//! What a search of the speed lattice comes to.
+//! Results of a search: the plan or the reason for its absence, and statistics.
 
 use super::SpeedProblem;
-use super::lattice::{Budget, REST};
+use super::lattice::{Budget, ROUNDING, STANDSTILL_SPEED};
 
 /// A state of the speed lattice.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,23 +17,25 @@ pub struct SpeedState {
 /// A plan through the speed lattice.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpeedPlan {
-    /// States from the root on. Two in a row at the same node mean waiting at rest.
+    /// States from the root on. Two consecutive states at one node mean waiting at standstill.
     pub states: Vec<SpeedState>,
-    /// Index of the state where the nominal prefix ends and the stopping proof begins.
+    /// Index of the state at which the nominal prefix ends and the stopping proof begins.
     pub proof_starts: usize,
 }
 
 impl SpeedPlan {
-    /// Ends the plan at the first safe rest that it would wait at for `wait` seconds or more. A prefix that ends at a safe
-    /// rest is a proven plan as well.
+    /// Truncates the plan at the first safe standstill at which it waits for at least `wait` (s). The result is a
+    /// proven plan too, because it ends in a safe state.
     pub fn end_at_long_wait(&mut self, problem: &SpeedProblem, wait: f64) {
-        let leaves = |i: usize| {
+        let departure_time = |i: usize| {
             let node = self.states[i].node;
             self.states[i..].iter().take_while(|s| s.node == node).last().map_or(0.0, |s| s.time)
         };
         let end = (0..self.states.len()).find(|&i| {
             let s = &self.states[i];
-            s.speed <= REST && leaves(i) - s.time >= wait && problem.is_safe_standstill(s.node, s.time)
+            s.speed <= STANDSTILL_SPEED
+                && departure_time(i) - s.time >= wait
+                && problem.is_safe_standstill(s.node, s.time)
         });
         if let Some(end) = end {
             self.states.truncate(end + 1);
@@ -42,43 +44,43 @@ impl SpeedPlan {
     }
 }
 
-/// What a search has done.
+/// Effort of a search.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// States expanded, or found lost, in all phases.
+    /// Number of expanded states in all phases, including states recognised as inevitable collision states.
     pub expansions: usize,
-    /// Stopping proofs attempted; the exhaustive search from the root is not counted.
+    /// Number of attempted stopping proofs, without the search from the root.
     pub proofs_tried: usize,
-    /// Which of them succeeded and gave the plan, from 1; `None` if none did.
+    /// Number of the attempt that proved the plan, from 1. `None` if no attempt succeeded.
     pub proof_succeeded: Option<usize>,
-    /// States in all closed lists.
+    /// Number of states in all closed lists.
     pub closed: usize,
-    /// Most memory in use for states and lists, bytes.
+    /// Peak memory of states and lists, bytes.
     pub bytes: usize,
 }
 
-/// What a search found. Finding nothing is a result, not an error.
+/// Result of a search. The absence of a plan is an outcome, not an error.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SpeedOutcome {
-    /// A plan that ends at rest in a safe state.
+    /// A plan that ends in a safe state.
     Proven {
         /// The plan.
         plan: SpeedPlan,
-        /// How it was found.
+        /// Effort of the search.
         statistics: Statistics,
     },
-    /// A plan of [`super::Strategy::Naive`], which proves nothing.
+    /// A plan of [`super::Strategy::Naive`], without a stopping proof.
     Unproven {
         /// The plan.
         plan: SpeedPlan,
-        /// How it was found.
+        /// Effort of the search.
         statistics: Statistics,
     },
     /// No plan.
     NoPlan {
-        /// Why.
+        /// The reason.
         why: NoPlan,
-        /// How that was found out.
+        /// Effort of the search.
         statistics: Statistics,
     },
 }
@@ -86,32 +88,31 @@ pub enum SpeedOutcome {
 /// Why a search found no plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum NoPlan {
-    /// Even the hardest braking from the start needs more road than there is.
+    /// The stopping distance with the aggressive deceleration exceeds the length of the road.
     CannotStop {
-        /// Distance that it needs, m.
+        /// Stopping distance, m.
         needed: f64,
     },
-    /// No state of the searched lattice is safe.
+    /// The lattice contains no reachable safe state.
     NoSafeState,
-    /// A budget ended the search: a plan may exist all the same.
-    Spent(Budget),
+    /// The search exhausted a budget. A plan may exist.
+    BudgetExhausted(Budget),
 }
 
 impl NoPlan {
-    pub(super) fn of(problem: &SpeedProblem, spent: Option<Budget>) -> Self {
+    pub(super) fn of(problem: &SpeedProblem, exhausted: Option<Budget>) -> Self {
         let needed = problem.start_speed.powi(2) / (2.0 * problem.limits.aggressive_deceleration);
-        let room = problem.end() - problem.stations.first().copied().unwrap_or_default();
-        match spent {
-            // room for rounding, as the search has it
-            _ if needed > room + REST => Self::CannotStop { needed },
-            Some(budget) => Self::Spent(budget),
+        let available = problem.end() - problem.stations.first().copied().unwrap_or_default();
+        match exhausted {
+            _ if needed > available + ROUNDING => Self::CannotStop { needed },
+            Some(budget) => Self::BudgetExhausted(budget),
             None => Self::NoSafeState,
         }
     }
 }
 
 impl SpeedOutcome {
-    /// How the search went.
+    /// Effort of the search.
     #[must_use]
     pub fn statistics(&self) -> &Statistics {
         match self {
@@ -121,7 +122,7 @@ impl SpeedOutcome {
         }
     }
 
-    /// Stable code of what the search came to.
+    /// The stable code used in reports.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -129,12 +130,12 @@ impl SpeedOutcome {
             Self::Unproven { .. } => "unproven",
             Self::NoPlan { why: NoPlan::CannotStop { .. }, .. } => "cannot_stop",
             Self::NoPlan { why: NoPlan::NoSafeState, .. } => "no_safe_state",
-            Self::NoPlan { why: NoPlan::Spent(Budget::Expansions), .. } => "expansion_budget",
-            Self::NoPlan { why: NoPlan::Spent(Budget::Memory), .. } => "memory_budget",
+            Self::NoPlan { why: NoPlan::BudgetExhausted(Budget::Expansions), .. } => "expansion_budget",
+            Self::NoPlan { why: NoPlan::BudgetExhausted(Budget::Memory), .. } => "memory_budget",
         }
     }
 
-    /// The plan whose stop is proven.
+    /// The proven plan, if there is one.
     #[must_use]
     pub fn proven(self) -> Option<SpeedPlan> {
         match self {

@@ -1,19 +1,24 @@
-//! The conventional method that the SafeTLP paper compares with: plan to stop. A breadth-first search expands every state
-//! that the comfortable actions reach, and of the safe states it takes the one farthest along the road, then the earliest.
+//! Plan-to-stop: the conventional method that the SafeTLP paper compares with. A breadth-first search expands every
+//! state that comfortable actions reach. It returns the plan to the farthest safe state, and to the earliest of
+//! several.
 //!
-//! The lattice is searched station by station. States of one station live in a layer; only two layers are in memory at a
-//! time, and of all others the steps alone (a byte a state), from which the plan is played again. That is what makes twenty
-//! million states fit into [`super::Resolution::memory`].
+//! The search proceeds node by node. The states of one node form a layer. Memory contains two layers at a time; of all
+//! other layers it keeps one byte per state, the step that reached it. The plan is reconstructed by replaying these
+//! steps. Twenty million states fit into [`super::Resolution::memory`] this way.
 
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
-use super::lattice::{KeyHasher, Lattice, Phase, REST, Rules, hash_table_bytes};
+use super::lattice::{Actions, KeyHasher, Lattice, Phase, STANDSTILL_SPEED, hash_table_bytes};
 use super::{SpeedPlan, SpeedState};
 
-/// The best plan; `None` if no safe state is reachable, or if a budget ended the search before one was met.
+/// The best plan. `None` if no safe state is reachable, or if a budget ended the search before it found one.
 pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
-    let rules = Rules { problem: lattice.problem, wait: lattice.waits(), braking: lattice.strongest(Phase::Explore) };
+    let actions = Actions {
+        problem: lattice.problem,
+        wait: lattice.waiting_time(),
+        braking: lattice.hardest_braking(Phase::Explore),
+    };
     let root = lattice.state(0);
     let nodes = lattice.problem.stations.len();
     let mut layers = Layers { here: vec![root], next: Vec::new(), steps: Vec::new(), done: 0 };
@@ -22,18 +27,18 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
     let mut best: Option<Best> = None;
     let mut seen: [Seen; 2] = Default::default();
     let mut budget = lattice.resolution.expansions;
-    'stations: for node in 0..nodes {
+    'nodes: for node in 0..nodes {
         let mut index = 0;
-        // waiting adds to the layer while it is gone through
+        // waiting actions extend the layer during the iteration
         while let Some(&state) = layers.here.get(index) {
-            if state.speed <= REST && lattice.problem.is_safe_standstill(node, state.time) {
+            if state.speed <= STANDSTILL_SPEED && lattice.problem.is_safe_standstill(node, state.time) {
                 best = better(best, Best { node, index, time: state.time });
             }
             if !lattice.charge_with(&mut budget, layers.bytes(node) + seen[0].bytes() + seen[1].bytes()) {
-                break 'stations;
+                break 'nodes;
             }
             let mut number = 0;
-            rules.successors(&state, |to| {
+            actions.successors(&state, |to| {
                 let (speed, time) = lattice.bins(&to);
                 if seen[to.node - node].insert(speed, time) {
                     layers.add(index, number, node, to);
@@ -47,20 +52,20 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
         seen.swap(0, 1);
         seen[1].clear();
     }
-    best.map(|best| layers.plan(root, &rules, &best))
+    best.map(|best| layers.plan(root, &actions, &best))
 }
 
-/// The speed and time bins of one station that were met: a bit each, in words of 64 neighbouring times. Words are few
-/// where bins are coarse, and exist only where something was met where they are fine.
+/// The set of visited (speed bin, time bin) pairs of one node: a sparse bit set with one bit per pair. Each word covers
+/// 64 neighbouring time bins.
 #[derive(Default)]
 struct Seen {
     words: HashMap<u64, u64, BuildHasherDefault<KeyHasher>>,
 }
 
 impl Seen {
-    /// Whether the bin was not in it before.
+    /// Adds a pair of bins. Returns whether it is new.
     fn insert(&mut self, speed: usize, time: usize) -> bool {
-        // 24 bits of speed and 40 of time words; the last bin of a kind holds all beyond
+        // 24 bits for the speed, 40 for the time word; the last bin includes all larger values
         let (speed, word) = ((speed as u64).min((1 << 24) - 1), (time as u64 / 64).min((1 << 40) - 1));
         let word = self.words.entry(speed << 40 | word).or_default();
         let bit = 1 << (time % 64);
@@ -78,72 +83,73 @@ impl Seen {
     }
 }
 
-/// The states of two stations, and how every state was reached.
+/// The states of two neighbouring nodes, and the steps to all states.
 struct Layers {
     here: Vec<SpeedState>,
     next: Vec<SpeedState>,
-    /// For each station, of each state.
+    /// Steps of each node, one for each state.
     steps: Vec<Steps>,
-    /// Capacity of the steps of the stations that are done, bytes.
+    /// Memory of the steps of finished nodes, bytes.
     done: usize,
 }
 
-/// How the states of a station were reached, a byte each: how many states their parent lies after the parent of the one
-/// before, and which of the parent's successors they are. Parents come in order, first those at the station before, then
-/// those that wait at the same one; each kind is counted from zero.
+/// The steps to the states of one node, packed into one byte each: the difference of the parent's index to the previous
+/// parent's, and the number of the successor. Parents are in order: first those at the previous node, then those that
+/// wait at this node. Each of the two sequences starts at zero.
 #[derive(Default)]
 struct Steps {
     bytes: Vec<u8>,
     /// Number of states.
     states: usize,
-    /// Parents of the last state that came from the station before, and of the last one that waited.
+    /// Last parent at the previous node, and last parent that waits at this node.
     last: [usize; 2],
 }
 
-/// How one state was reached.
+/// The step to one state.
 #[derive(Clone, Copy)]
 struct Step {
-    /// Index of the parent at its station.
+    /// Index of the parent in its layer.
     parent: usize,
-    /// Number among its successors.
+    /// Number of the state among the parent's successors.
     successor: u8,
-    /// Whether the parent is at the same station.
+    /// Whether the step is a waiting action: the parent is at the same node.
     waited: bool,
 }
 
 impl Steps {
-    /// Bits of the successor's number; there are five actions.
+    /// Bits of the successor's number. There are five actions.
     const BITS: u32 = 3;
     const LOW: u8 = (1 << Self::BITS) - 1;
-    /// In place of a successor's number: waited, which is the first of the actions.
+    /// Code in place of a successor's number: a waiting action, which is always the first successor.
     const WAITED: u8 = 7;
-    /// In place of a successor's number: no state, but parents to pass over, on the way from the station before or waiting.
-    const PASS: [u8; 2] = [5, 6];
-    /// Parents that a byte passes over at most.
-    const FAR: usize = (u8::MAX >> Self::BITS) as usize;
+    /// Codes in place of a successor's number: no state, only an increment of the parent's index, at the previous node
+    /// or at this node.
+    const SKIP: [u8; 2] = [5, 6];
+    /// Largest increment of the parent's index in one byte.
+    const MAX_INCREMENT: usize = (u8::MAX >> Self::BITS) as usize;
 
     #[allow(clippy::cast_possible_truncation)] // five bits
     fn push(&mut self, Step { parent, successor, waited }: Step) {
         let kind = usize::from(waited);
-        let mut ahead = parent - self.last[kind];
+        let mut increment = parent - self.last[kind];
         self.last[kind] = parent;
-        while ahead > Self::FAR {
-            self.bytes.push((Self::FAR as u8) << Self::BITS | Self::PASS[kind]);
-            ahead -= Self::FAR;
+        while increment > Self::MAX_INCREMENT {
+            self.bytes.push((Self::MAX_INCREMENT as u8) << Self::BITS | Self::SKIP[kind]);
+            increment -= Self::MAX_INCREMENT;
         }
-        self.bytes.push((ahead as u8) << Self::BITS | if waited { Self::WAITED } else { successor });
+        self.bytes.push((increment as u8) << Self::BITS | if waited { Self::WAITED } else { successor });
         self.states += 1;
     }
 
-    /// All of them, in order.
+    /// All steps, in order.
     fn unpacked(&self) -> Vec<Step> {
         let mut steps = Vec::with_capacity(self.states);
         let mut last = [0; 2];
         for byte in &self.bytes {
-            let (ahead, low) = (usize::from(byte >> Self::BITS), byte & Self::LOW);
-            let waited = low == Self::WAITED || low == Self::PASS[1];
-            last[usize::from(waited)] += ahead;
-            if !Self::PASS.contains(&low) {
+            let (increment, low) = (usize::from(byte >> Self::BITS), byte & Self::LOW);
+            let waited = low == Self::WAITED || low == Self::SKIP[1];
+            last[usize::from(waited)] += increment;
+            if !Self::SKIP.contains(&low) {
                 let successor = if waited { 0 } else { low };
                 steps.push(Step { parent: last[usize::from(waited)], successor, waited });
             }
@@ -152,7 +158,7 @@ impl Steps {
     }
 }
 
-/// A safe state.
+/// The best safe state so far.
 #[derive(Clone, Copy)]
 struct Best {
     node: usize,
@@ -166,7 +172,7 @@ fn better(best: Option<Best>, found: Best) -> Option<Best> {
 }
 
 impl Layers {
-    /// Adds the `successor`th successor of a state of the present layer.
+    /// Adds a successor of the state `parent` in the layer of `node`.
     fn add(&mut self, parent: usize, successor: u8, node: usize, to: SpeedState) {
         let waited = to.node == node;
         if waited { &mut self.here } else { &mut self.next }.push(to);
@@ -180,15 +186,15 @@ impl Layers {
         self.next.clear();
     }
 
-    /// Memory in use while a station is gone through, bytes.
+    /// Memory in use during the expansion of a node's layer, bytes.
     fn bytes(&self, node: usize) -> usize {
         let states = (self.here.capacity() + self.next.capacity()) * size_of::<SpeedState>();
         let steps = self.steps.iter().skip(node).take(2).map(|s| s.bytes.capacity()).sum::<usize>();
         states + self.done + steps
     }
 
-    /// The way to a state: backwards by the steps, then played forwards.
-    fn plan(&self, root: SpeedState, rules: &Rules<'_>, best: &Best) -> SpeedPlan {
+    /// The plan to a state: follows the steps backwards, then replays them forwards.
+    fn plan(&self, root: SpeedState, actions: &Actions<'_>, best: &Best) -> SpeedPlan {
         let (mut node, mut index) = (best.node, best.index);
         let mut successors = Vec::new();
         let mut steps = self.steps[node].unpacked();
@@ -206,10 +212,10 @@ impl Layers {
         }
         let mut states = vec![root];
         let mut here = root;
-        for wanted in successors.into_iter().rev() {
+        for successor in successors.into_iter().rev() {
             let mut number = 0;
-            rules.successors(&here.clone(), |to| {
-                if number == wanted {
+            actions.successors(&here.clone(), |to| {
+                if number == successor {
                     here = to;
                 }
                 number += 1;

@@ -1,22 +1,23 @@
-//! SafeTLP, Algorithm 1 of *Safe Temporal Planning for Urban Driving*.
+//! SafeTLP: Algorithm 1 of Cserna, Doyle, Gu and Ruml, *Safe Temporal Planning for Urban Driving*.
 //!
-//! 1. A naive best-first search runs to a partial goal (the last station at any speed) with the comfortable actions.
-//! 2. From its last state backwards, stopping proofs are searched, which may also use the aggressive deceleration.
-//!    States from which even that cannot stop before the end are skipped. All proofs share one closed list, so that no
-//!    state is expanded by two of them.
-//! 3. If every proof fails, an exhaustive search from the root decides. It passes over what the proofs have closed: there
-//!    is nothing safe below. So a state is expanded at most once by the naive search and once by all the others, which is
-//!    Theorem 2 with the naive search counted.
+//! 1. A naive best-first search with comfortable actions finds a trajectory to a partial goal: the last node at any
+//!    speed.
+//! 2. From the last state of that trajectory backwards, best-first searches look for a stopping proof. They may also
+//!    use the aggressive deceleration. The algorithm skips states from which even that deceleration cannot stop before
+//!    the last node. All proofs share one closed list, so each state is expanded by at most one of them.
+//! 3. If all proofs fail, a search from the root decides. It skips the states that the proofs have closed, because no
+//!    safe state is reachable from them. So the naive search expands a state at most once, and all other searches
+//!    together at most once: the bound of Theorem 2 includes the naive search.
 //!
-//! Where the naive search cannot reach the end (something stands or waits there), its deepest state takes the place of
-//! the partial goal. Proofs go in the order that [`super::ProofOrder`] names; Theorems 1 and 2 hold for any.
+//! If the naive search cannot reach the last node, for example behind a stopped obstacle, its farthest state replaces
+//! the partial goal. [`super::ProofOrder`] sets the expansion order of the proofs; Theorems 1 and 2 hold for any order.
 
 use super::SpeedPlan;
 use super::lattice::{Lattice, NO_PARENT, Phase};
 
-/// The plan, if any state of the lattice is safe and the budgets last.
+/// A proven plan. `None` if no safe state is reachable or a budget is exhausted.
 pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
-    // line 1: a potentially unsafe trajectory to a partial goal
+    // line 1: potentially unsafe trajectory to a partial goal
     let last = super::naive::explore(lattice);
     // lines 2–9: proofs from its last state backwards, one closed list for all of them
     lattice.clear_closed();
@@ -32,15 +33,15 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
         }
         current = lattice.parent(current);
     }
-    // line 10: exhaustive search from the root. Below what the proofs have closed nothing is safe, if they ran to their ends
-    if lattice.spent.is_some() {
+    // line 10: search from the root. States that an unfinished proof has closed may still lead to a safe state
+    if lattice.exhausted.is_some() {
         lattice.clear_closed();
     }
     let mut budget = lattice.resolution.expansions;
     prove_stop(lattice, 0, &mut budget).map(|safe| lattice.plan_to(safe, 0))
 }
 
-/// Best-first search for a safe state below `from`.
+/// Best-first search for a safe state that is reachable from `from`. Returns the index of that state.
 pub(super) fn prove_stop(lattice: &mut Lattice<'_>, from: usize, budget: &mut usize) -> Option<usize> {
     lattice.begin(from, Phase::Proof);
     while let Some(index) = lattice.next(Phase::Proof, budget) {

@@ -1,12 +1,12 @@
-//! Tests of the search strategies: the theorems of the paper, and each strategy against plain enumeration.
+//! Tests of the search strategies: the theorems of the paper, and a comparison of each strategy with plain enumeration.
 
-use super::lattice::REST;
+use super::lattice::STANDSTILL_SPEED;
 use super::test_support::empty_road;
 use super::{Strategy, *};
 use proptest::prelude::*;
 use proptest::strategy::Strategy as Generator;
 
-/// So fine that only equal states are duplicates.
+/// A resolution at which only equal states are duplicates.
 fn exact() -> Resolution {
     Resolution { speed: 1e-6, time: 1e-6, wait: 0.5, expansions: 200_000, ..Resolution::default() }
 }
@@ -23,11 +23,11 @@ fn proven(problem: &SpeedProblem) -> SpeedPlan {
     safe_tlp(problem).proven().unwrap_or_else(|| panic!("no plan for {problem:?}"))
 }
 
-/// The strategies whose plans are proven.
+/// The strategies with stopping proofs.
 const PROVING: [Strategy; 3] = [Strategy::PlanToStop, Strategy::SafeTlp, Strategy::SafeRts];
 
 #[test]
-fn the_papers_road_is_driven_fast_and_ends_at_rest() {
+fn plans_to_the_end_of_the_papers_road_with_few_expansions() {
     for tenth in (0..=50).step_by(2) {
         let problem = empty_road(100.0, f64::from(tenth) / 10.0);
         let outcome = safe_tlp(&problem);
@@ -37,20 +37,20 @@ fn the_papers_road_is_driven_fast_and_ends_at_rest() {
         let last = plan.states.last().unwrap();
         assert_eq!(last.speed, 0.0);
         assert!(problem.stations[last.node] > 99.0, "stops short at {}", problem.stations[last.node]);
-        let profile = smoothing::unsmoothed(&problem, &plan).unwrap();
+        let profile = smoothing::raw_profile(&problem, &plan).unwrap();
         assert_eq!(prove(&problem, &profile), Ok(()));
     }
 }
 
 #[test]
-fn a_slow_start_stops_inside_one_step_by_the_clipped_deceleration() {
-    // v² = 0.09 is far below 2dΔs = 1.5: without the clip rest would be missed
+fn clipped_deceleration_stops_a_slow_start_in_one_cell() {
+    // v² = 0.09 is far below 2dΔs = 1.5: without the clip no node has zero speed
     let problem = empty_road(1.0, 0.3);
     assert_eq!(proven(&problem).states.last().unwrap().speed, 0.0);
 }
 
 #[test]
-fn too_fast_to_stop_on_the_road_is_an_outcome() {
+fn start_too_fast_to_stop_is_an_outcome() {
     // 10 m/s needs 22.7 m at 2.2 m/s²
     let short = empty_road(22.5, 10.0);
     for strategy in PROVING {
@@ -64,7 +64,7 @@ fn too_fast_to_stop_on_the_road_is_an_outcome() {
 }
 
 #[test]
-fn a_start_above_the_cap_brakes_down_to_it() {
+fn start_above_the_speed_limit_brakes_to_it() {
     let mut problem = empty_road(100.0, 18.0);
     problem.speed_limits = vec![10.0; problem.speed_limits.len()];
     let plan = proven(&problem);
@@ -74,16 +74,16 @@ fn a_start_above_the_cap_brakes_down_to_it() {
 }
 
 #[test]
-fn each_budget_ends_a_search_with_its_name() {
+fn exhausted_budget_is_named() {
     let problem = empty_road(100.0, 3.0);
     let few = Resolution { expansions: 100, ..Resolution::default() };
     let small = Resolution { memory: 4096, ..Resolution::default() };
     for (resolution, budget) in [(few, Budget::Expansions), (small, Budget::Memory)] {
         let timed = Resolution { always_timed: true, ..resolution };
         let outcome = search(&problem, Strategy::PlanToStop, &timed).unwrap();
-        // it may have met a safe state by then, and keeps to it
+        // the search may have found a safe state before
         match outcome {
-            SpeedOutcome::NoPlan { why, .. } => assert_eq!(why, NoPlan::Spent(budget)),
+            SpeedOutcome::NoPlan { why, .. } => assert_eq!(why, NoPlan::BudgetExhausted(budget)),
             SpeedOutcome::Proven { ref plan, .. } => assert!(plan.states.last().unwrap().node < 100),
             SpeedOutcome::Unproven { .. } => panic!("{outcome:?}"),
         }
@@ -92,7 +92,7 @@ fn each_budget_ends_a_search_with_its_name() {
 }
 
 #[test]
-fn safe_rts_keeps_its_budget_and_gets_farther_with_more() {
+fn safe_rts_keeps_its_budget_and_gets_farther_with_a_larger_one() {
     let problem = empty_road(100.0, 3.0);
     let mut before = 0;
     for expansions in [20, 40, 80, 160, 320, 640, 1280] {
@@ -100,15 +100,15 @@ fn safe_rts_keeps_its_budget_and_gets_farther_with_more() {
         let outcome = search(&problem, Strategy::SafeRts, &resolution).unwrap();
         assert!(outcome.statistics().expansions <= expansions);
         let reached = outcome.proven().map_or(0, |p| p.states[p.proof_starts].node);
-        assert!(reached >= before, "{reached} with {expansions}, {before} with fewer");
+        assert!(reached >= before, "node {reached} with {expansions} expansions, {before} with fewer");
         before = reached;
     }
     let whole = proven(&problem);
-    assert_eq!(before, whole.states[whole.proof_starts].node, "as far as the search without a budget");
+    assert_eq!(before, whole.states[whole.proof_starts].node, "not as far as the unlimited search");
 }
 
 #[test]
-fn equal_searches_have_equal_results_whatever_was_searched_before() {
+fn repeated_searches_have_equal_results() {
     let problems = [empty_road(100.0, 3.0), empty_road(40.0, 7.0)];
     for strategy in Strategy::ALL {
         let first = search(&problems[0], strategy, &Resolution::default());
@@ -118,7 +118,7 @@ fn equal_searches_have_equal_results_whatever_was_searched_before() {
 }
 
 #[test]
-fn a_crossing_that_opens_later_is_waited_for_or_reached_late() {
+fn enters_a_crossing_after_it_is_free() {
     let mut problem = empty_road(40.0, 5.0);
     for cell in 30..36 {
         problem.blocked[cell] = vec![(0.0, 8.0)];
@@ -131,7 +131,7 @@ fn a_crossing_that_opens_later_is_waited_for_or_reached_late() {
 }
 
 #[test]
-fn a_plan_cut_at_a_long_wait_is_still_proven() {
+fn plan_truncated_at_a_long_wait_is_proven() {
     let mut problem = empty_road(40.0, 5.0);
     for cell in 30..36 {
         problem.blocked[cell] = vec![(0.0, 20.0)];
@@ -141,11 +141,11 @@ fn a_plan_cut_at_a_long_wait_is_still_proven() {
     cut.end_at_long_wait(&problem, 2.0);
     assert!(cut.states.len() < whole, "no long wait in {:?}", cut.states);
     assert_eq!(cut.states.last().unwrap().speed, 0.0);
-    assert_eq!(prove(&problem, &smoothing::unsmoothed(&problem, &cut).unwrap()), Ok(()));
+    assert_eq!(prove(&problem, &smoothing::raw_profile(&problem, &cut).unwrap()), Ok(()));
 }
 
 #[test]
-fn rest_inside_a_junction_is_no_proof() {
+fn does_not_stop_inside_a_junction() {
     let mut problem = empty_road(30.0, 5.0);
     for node in 20..=60 {
         problem.stopping_allowed[node] = false;
@@ -155,8 +155,8 @@ fn rest_inside_a_junction_is_no_proof() {
 }
 
 #[test]
-fn a_rear_vehicle_that_sweeps_the_road_leaves_no_safe_rest_before_it_has_passed() {
-    // everything is swept at 6 m/s from behind, 1 s behind the start: only driving on ahead of it is safe
+fn does_not_stop_ahead_of_a_following_vehicle() {
+    // a vehicle at 6 m/s follows 1 s behind and does not brake: only driving ahead of it is safe
     let mut problem = empty_road(60.0, 6.0);
     problem.horizon = 8.0;
     for cell in 0..problem.cells() {
@@ -165,12 +165,12 @@ fn a_rear_vehicle_that_sweeps_the_road_leaves_no_safe_rest_before_it_has_passed(
     }
     let plan = proven(&problem);
     let last = plan.states.last().unwrap();
-    assert!(last.time + 1e-9 >= 8.0 || problem.stations[last.node] > 42.0, "rests in the way at {last:?}");
+    assert!(last.time + 1e-9 >= 8.0 || problem.stations[last.node] > 42.0, "stops in its path at {last:?}");
 }
 
-/// Depth-first enumeration of everything reachable with some decelerations, without any closed list: slow and plain.
+/// Whether a safe state is reachable with the given decelerations, by depth-first enumeration without a closed list.
 fn safe_state_exists(problem: &SpeedProblem, s: SpeedState, decelerations: &[f64]) -> bool {
-    if s.speed <= REST {
+    if s.speed <= STANDSTILL_SPEED {
         if problem.is_safe_standstill(s.node, s.time) {
             return true;
         }
@@ -189,7 +189,7 @@ fn safe_state_exists(problem: &SpeedProblem, s: SpeedState, decelerations: &[f64
     let ds = problem.stations[s.node + 1] - problem.stations[s.node];
     [problem.limits.acceleration, 0.0].into_iter().chain(decelerations.iter().map(|d| -d)).any(|a| {
         let v = (s.speed * s.speed + 2.0 * a * ds).max(0.0).sqrt().min(problem.speed_limits[s.node + 1]);
-        if s.speed + v <= REST {
+        if s.speed + v <= STANDSTILL_SPEED {
             return false;
         }
         let time = s.time + 2.0 * ds / (s.speed + v);
@@ -201,10 +201,10 @@ fn safe_state_exists(problem: &SpeedProblem, s: SpeedState, decelerations: &[f64
 fn small_problem() -> impl Generator<Value = SpeedProblem> {
     let block = (0..6usize, 0.0..6.0f64, 0.1..3.0f64);
     (0.0..4.0f64, prop::collection::vec(block, 0..4), prop::collection::vec(any::<bool>(), 7)).prop_map(
-        |(speed, blocks, rest)| {
+        |(speed, blocks, stopping_allowed)| {
             let mut p = empty_road(3.0, speed);
             p.horizon = 8.0;
-            p.stopping_allowed = rest;
+            p.stopping_allowed = stopping_allowed;
             for (cell, from, length) in blocks {
                 if p.blocked[cell].is_empty() {
                     p.blocked[cell] = vec![(from, from + length)];
@@ -218,9 +218,9 @@ fn small_problem() -> impl Generator<Value = SpeedProblem> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
-    /// Theorem 1 and its converse, against plain enumeration: of all actions, or of the comfortable ones alone.
+    /// Theorem 1 and its converse, for all actions and for the comfortable ones only.
     #[test]
-    fn a_safe_plan_is_found_exactly_when_one_exists(problem in small_problem()) {
+    fn finds_a_safe_plan_exactly_if_one_exists(problem in small_problem()) {
         let root = SpeedState { node: 0, speed: problem.start_speed, time: 0.0 };
         let AccelerationLimits { deceleration, aggressive_deceleration, .. } = problem.limits;
         let any = safe_state_exists(&problem, root, &[deceleration, aggressive_deceleration]);
@@ -230,42 +230,42 @@ proptest! {
         prop_assert_eq!(plan(&problem, Strategy::PlanToStop, &exact()).is_some(), gentle);
     }
 
-    /// Theorem 2: at most twice the states that there are.
+    /// Theorem 2.
     #[test]
-    fn no_search_expands_more_than_twice_what_is_reachable(problem in small_problem()) {
+    fn expands_at_most_twice_the_reachable_states(problem in small_problem()) {
         let states = reachable(&problem);
         let outcome = search(&problem, Strategy::SafeTlp, &exact()).unwrap();
         let expansions = outcome.statistics().expansions;
         prop_assert!(expansions <= 2 * states, "{} of {}", expansions, states);
     }
 
-    /// Every plan returned is checked again by other code.
+    /// The proof, which shares no code with the searches, accepts every plan.
     #[test]
-    fn no_plan_touches_a_blocked_interval(problem in small_problem()) {
+    fn every_plan_passes_the_proof(problem in small_problem()) {
         for strategy in PROVING {
             if let Some(found) = plan(&problem, strategy, &exact()) {
-                let profile = smoothing::unsmoothed(&problem, &found).unwrap();
+                let profile = smoothing::raw_profile(&problem, &found).unwrap();
                 prop_assert_eq!(prove(&problem, &profile), Ok(()), "{:?}", strategy);
             }
         }
     }
 
-    /// Of the safe states that the comfortable actions reach, plan-to-stop takes the farthest, then the earliest.
+    /// Plan-to-stop reaches the farthest safe state of those that comfortable actions reach, then the earliest.
     #[test]
     fn plan_to_stop_is_optimal(problem in small_problem()) {
         let mut best: Option<(usize, f64)> = None;
         let mut todo = vec![SpeedState { node: 0, speed: problem.start_speed, time: 0.0 }];
-        let rules = lattice::Rules {
+        let actions = lattice::Actions {
             problem: &problem,
             wait: problem.time_matters().then_some(exact().wait),
             braking: problem.limits.deceleration,
         };
         while let Some(s) = todo.pop() {
-            if s.speed <= REST && problem.is_safe_standstill(s.node, s.time) {
+            if s.speed <= STANDSTILL_SPEED && problem.is_safe_standstill(s.node, s.time) {
                 let better = best.is_none_or(|(node, time)| s.node > node || s.node == node && s.time < time);
                 best = if better { Some((s.node, s.time)) } else { best };
             }
-            rules.successors(&s, |to| todo.push(to));
+            actions.successors(&s, |to| todo.push(to));
         }
         let found = plan(&problem, Strategy::PlanToStop, &exact());
         let found = found.map(|p| p.states.last().map(|s| (s.node, s.time)).unwrap());
@@ -276,9 +276,9 @@ proptest! {
     }
 }
 
-/// Number of states that all actions reach, without duplicates.
+/// Number of distinct states reachable with all actions.
 fn reachable(problem: &SpeedProblem) -> usize {
-    let rules = lattice::Rules {
+    let actions = lattice::Actions {
         problem,
         wait: problem.time_matters().then_some(exact().wait),
         braking: problem.limits.aggressive_deceleration,
@@ -289,7 +289,7 @@ fn reachable(problem: &SpeedProblem) -> usize {
         let micro = |x: f64| (x * 1e6).round() as i64;
         let time = if problem.time_matters() { micro(s.time) } else { 0 };
         if seen.insert((s.node, micro(s.speed), time)) {
-            rules.successors(&s, |to| todo.push(to));
+            actions.successors(&s, |to| todo.push(to));
         }
     }
     seen.len()

@@ -1,59 +1,42 @@
-//! Distance to the occupied cells of a grid: the driven footprints against all of them near the way, by other code than
-//! the rig's colliders.
+//! Distance of the driven footprints to the occupied cells of a grid, computed without the colliders of the simulation.
 //!
-//! The way is cut into stretches of two metres; each is held against the cells within [`FAR`] of it, merged to
-//! rectangles. So the cost grows with the way and not with the grid.
+//! The driven path is divided into sections of two metres. Each section is tested against the occupied cells within [`FAR`],
+//! merged into rectangles. The cost therefore grows with the length of the path and not with the size of the grid.
 
+use super::contact::{Nearest, Place, Thing};
 use super::shapes::{Bounds, footprint_at, gap};
 use crate::geometry::Point;
 use crate::map::{Cell, ConvexPart, Scenario};
-use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
-/// Cells farther away than this are not looked for, m.
+/// Cells farther away than this are ignored, m.
 pub(super) const FAR: f64 = 10.0;
-/// Length of a stretch of the way, m.
-const STRETCH: f64 = 2.0;
+/// Length of a section of the path, m.
+const SECTION: f64 = 2.0;
 
-/// The smallest gap to occupied cells in a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct NearestCells {
-    /// Gap, m; negative is the depth of an overlap with neighbouring cells as one.
-    pub(super) gap: f64,
-    /// Time of the run, s.
-    pub(super) time: f64,
-    /// Middle of the cells.
-    at: Point,
-}
-
-impl std::fmt::Display for NearestCells {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "({:.2}, {:.2})", self.at.x, self.at.y)
-    }
-}
-
-/// The smallest gap over all samples; `None` without an occupied cell within [`FAR`].
-pub(super) fn closest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Option<NearestCells> {
+/// The smallest gap to an occupied cell at any place; `None` without an occupied cell within [`FAR`]. Neighbouring cells
+/// count as one block.
+pub(super) fn nearest(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
     let grid = scenario.occupancy.as_ref()?;
-    let mut best: Option<NearestCells> = None;
-    for stretch in stretches(&log.samples) {
-        let parts = stretch.iter().flat_map(|s| footprint_at(vehicle, &s.pose).into_iter().map(|part| (s.time, part)));
-        let parts: Vec<(f64, Vec<Point>)> = parts.collect();
+    let mut best: Option<Nearest> = None;
+    for section in sections(places) {
+        let parts = section.iter().flat_map(|p| footprint_at(vehicle, &p.pose).into_iter().map(move |part| (p, part)));
+        let parts: Vec<(&Place, Vec<Point>)> = parts.collect();
         let around = grid.part_around(parts.iter().flat_map(|(_, corners)| corners), FAR);
         let blocks = grid.blocks_within(&around, |cell| cell == Cell::Occupied);
         let corners = blocks.iter().map(|block| grid.corners(block));
         let blocks: Vec<(Bounds, [Point; 4])> = corners.map(|corners| (Bounds::of(&corners), corners)).collect();
-        for (time, part) in &parts {
+        for (place, part) in &parts {
             let here = Bounds::of(part);
             for (bounds, corners) in &blocks {
                 let floor = best.map_or(FAR, |b| b.gap);
                 if !bounds.near(&here, floor.max(0.0)) {
                     continue;
                 }
-                let found = gap(part, &ConvexPart::Polygon(corners.to_vec()));
-                if found < floor {
-                    let at = nalgebra::center(&corners[0], &corners[2]);
-                    best = Some(NearestCells { gap: found, time: *time, at });
+                let gap = gap(part, &ConvexPart::Polygon(corners.to_vec()));
+                if gap < floor {
+                    let thing = Thing::Cells(nalgebra::center(&corners[0], &corners[2]));
+                    best = Some(Nearest { gap, time: place.time, speed: place.speed, thing });
                 }
             }
         }
@@ -61,15 +44,15 @@ pub(super) fn closest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Opti
     best
 }
 
-/// The samples in runs within [`STRETCH`] of their first.
-fn stretches(samples: &[Sample]) -> Vec<&[Sample]> {
-    let mut rest = samples;
-    let mut found = Vec::new();
-    while let Some(first) = rest.first() {
-        let leaves = |s: &Sample| (s.pose.position - first.pose.position).norm() > STRETCH;
-        let (stretch, after) = rest.split_at(rest.iter().position(leaves).unwrap_or(rest.len()));
-        found.push(stretch);
-        rest = after;
+/// The places in runs, each run within [`SECTION`] of its first place.
+fn sections(places: &[Place]) -> Vec<&[Place]> {
+    let mut remaining = places;
+    let mut sections = Vec::new();
+    while let Some(first) = remaining.first() {
+        let leaves = |p: &Place| (p.pose.position - first.pose.position).norm() > SECTION;
+        let (section, after) = remaining.split_at(remaining.iter().position(leaves).unwrap_or(remaining.len()));
+        sections.push(section);
+        remaining = after;
     }
-    found
+    sections
 }

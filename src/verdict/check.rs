@@ -43,7 +43,9 @@ impl fmt::Display for Status {
 }
 
 /// One named check.
-#[derive(Debug, Clone, PartialEq)]
+///
+/// Two checks are equal if all their fields are equal; NaN equals NaN.
+#[derive(Debug, Clone)]
 pub struct Check {
     /// Stable name, e.g. `no_contact`.
     pub name: &'static str,
@@ -57,11 +59,35 @@ pub struct Check {
     pub unit: &'static str,
     /// Time of the worst moment, s, when there is one.
     pub at_time: Option<f64>,
-    /// The event in one sentence.
+    /// The event in one sentence: what happened, when, and the limit.
     pub note: String,
+    /// How the value is measured; empty if the check does not apply.
+    pub method: String,
+}
+
+impl PartialEq for Check {
+    fn eq(&self, other: &Self) -> bool {
+        let bits = |c: &Self| (c.value.to_bits(), c.limit.to_bits(), c.at_time.map(f64::to_bits));
+        let text = |c: &Self| (c.name, c.status, c.unit);
+        bits(self) == bits(other) && text(self) == text(other) && self.note == other.note && self.method == other.method
+    }
 }
 
 impl Check {
+    /// A check that does not apply. `why` completes the sentence "not applicable: …".
+    pub(super) fn not_applicable(name: &'static str, unit: &'static str, why: &str) -> Self {
+        Self {
+            name,
+            status: Status::NotApplicable,
+            value: f64::NAN,
+            limit: f64::NAN,
+            unit,
+            at_time: None,
+            note: format!("not applicable: {why}"),
+            method: String::new(),
+        }
+    }
+
     /// Whether the status is [`Status::Pass`].
     #[must_use]
     pub fn passed(&self) -> bool {
@@ -72,5 +98,19 @@ impl Check {
     #[must_use]
     pub fn failed(&self) -> bool {
         self.status == Status::Fail
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_check_that_does_not_apply_equals_itself_and_neither_passes_nor_fails() {
+        let check = Check::not_applicable("goal", "conditions", "the planning problem has no goal");
+        assert_eq!(check, check.clone());
+        assert!(!check.passed() && !check.failed() && check.value.is_nan() && check.limit.is_nan());
+        assert_eq!(check.note, "not applicable: the planning problem has no goal");
+        assert_ne!(check, Check { value: 0.0, ..check.clone() });
     }
 }

@@ -1,11 +1,12 @@
-//! `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk`: the filtered accelerations of the
-//! centre of mass, from signals of at least [`LEAST_RATE`].
+//! `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk`: extremes of the filtered accelerations
+//! of the centre of mass. The log needs at least [`LEAST_RATE`] samples a second.
 
+use super::presets::Quantity;
 use super::{Check, ComfortPreset, Settings, Status, zero_phase_low_pass};
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
-/// What a passenger feels: the log's accelerations on a uniform time grid, filtered.
+/// The accelerations of the log on a uniform time grid, low-pass filtered.
 #[derive(Debug, Clone, Default)]
 pub(super) struct FilteredMotion {
     pub(super) moments: Vec<Moment>,
@@ -25,17 +26,20 @@ pub(super) struct Moment {
     pub(super) lateral_jerk: f64,
 }
 
-/// Slower signals say too little about comfort, Hz. A run's last interval may be cut short or rounded: a percent is let go.
+/// A log with fewer samples per second is too coarse for comfort, Hz.
 const LEAST_RATE: f64 = 100.0;
+/// Share by which the rate may be lower: the last interval of a run can be shortened or rounded.
 const RATE_TOLERANCE: f64 = 0.01;
 
 impl FilteredMotion {
+    /// Filters a log. Empty if the log is shorter than one period of the cutoff frequency (Hz): such a log is dominated by
+    /// the ends of the filter.
     pub(super) fn new(log: &Log, cutoff: f64) -> Self {
         let (Some(first), Some(last)) = (log.samples.first(), log.samples.last()) else { return Self::default() };
         let steps = log.samples.len() - 1;
-        let step = (last.time - first.time) / steps as f64;
-        let felt_for = last.time - first.time;
-        if steps == 0 || !(step > 0.0 && felt_for >= 1.0 / cutoff) {
+        let duration = last.time - first.time;
+        let step = duration / steps as f64;
+        if steps == 0 || !(step > 0.0 && duration >= 1.0 / cutoff) {
             return Self::default();
         }
         let rate = 1.0 / step;
@@ -63,7 +67,7 @@ impl FilteredMotion {
         Self { moments, rate }
     }
 
-    /// The largest value of something, with its moment.
+    /// The largest value of a function of the motion, with its moment.
     pub(super) fn worst(&self, value: impl Fn(&Moment) -> f64) -> Option<(f64, Moment)> {
         self.moments.iter().map(|m| (value(m), *m)).max_by(|a, b| a.0.total_cmp(&b.0))
     }
@@ -79,102 +83,140 @@ fn interpolated(samples: &[Sample], time: f64, value: fn(&Sample) -> f64) -> f64
     }
 }
 
-/// The jerk limit at a speed, m/s³: twice the limit at high speed below 5 m/s, falling linearly until 20 m/s. With the
-/// usual 2.5 m/s³ this is ISO 15622's limit for adaptive cruise control, 5 → 2.5 m/s³.
+/// The jerk limit at a speed, m/s³: `jerk` from 20 m/s on, twice as much up to 5 m/s, linear between. With 2.5 m/s³ this is
+/// the limit of ISO 15622 for adaptive cruise control.
 pub(crate) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
     jerk * (2.0 - ((speed.abs() - 5.0) / 15.0).clamp(0.0, 1.0))
 }
 
-/// The checks, `comfort_lateral_jerk` only where the preset has a limit for it. A run shorter than a period of the filter's
-/// frequency (half a second) has filtered nothing that it could tell from the ends of the log, and passes; signals that are too slow to judge fail, each check with the time between two samples.
+/// The four checks. They do not apply to a run shorter than one period of the cutoff frequency, and
+/// `comfort_lateral_jerk` applies only where the preset has a limit. A log with too few samples per second fails every check
+/// that applies; the value is then the time between two samples.
 pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<Check> {
-    let filtered = FilteredMotion::new(log, settings.comfort_cutoff);
-    let limits = settings.comfort.limits(&vehicle.comfort, settings.comfort_margin);
-    let judge = Judge { filtered: &filtered, filter: filter(&filtered, settings) };
-    let mut checks = vec![
-        judge.check(
-            "comfort_longitudinal",
-            "m/s²",
-            &|m| m.acceleration,
-            &|m| if m.acceleration < 0.0 { limits.deceleration } else { limits.acceleration },
-            "comfortable acceleration, tolerated deceleration",
-        ),
-        judge.check(
-            "comfort_lateral",
-            "m/s²",
-            &|m| m.lateral_acceleration,
-            &|_| limits.lateral_acceleration,
-            "lateral acceleration",
-        ),
-        judge.check(
-            "comfort_jerk",
-            "m/s³",
-            &|m| m.jerk,
-            &|m| jerk_limit(limits.jerk, m.speed),
-            "derivative of the filtered acceleration, limit by speed as in ISO 15622",
-        ),
-    ];
-    checks.extend(limits.lateral_jerk.map(|limit| {
-        let what = "derivative of the filtered lateral acceleration";
-        judge.check("comfort_lateral_jerk", "m/s³", &|m| m.lateral_jerk, &|_| limit, what)
-    }));
+    let preset = settings.comfort;
+    let limits = preset.limits(&vehicle.comfort, settings.comfort_margin);
+    let judge = Judge { motion: &FilteredMotion::new(log, settings.comfort_cutoff), settings };
+    let longitudinal = Signal {
+        name: "comfort_longitudinal",
+        unit: "m/s²",
+        what: "acceleration",
+        value: &|m| m.acceleration,
+        limit: &|m| if m.acceleration < 0.0 { limits.deceleration } else { limits.acceleration },
+        quantity: |value| if value < 0.0 { Quantity::Deceleration } else { Quantity::Acceleration },
+        event: |value, _| format!("{} at {:.2} m/s²", if value < 0.0 { "braked" } else { "accelerated" }, value.abs()),
+    };
+    let lateral = Signal {
+        name: "comfort_lateral",
+        unit: "m/s²",
+        what: "lateral acceleration",
+        value: &|m| m.lateral_acceleration,
+        limit: &|_| limits.lateral_acceleration,
+        quantity: |_| Quantity::LateralAcceleration,
+        event: |value, _| format!("accelerated to the {} at {:.2} m/s²", side(value), value.abs()),
+    };
+    let jerk = Signal {
+        name: "comfort_jerk",
+        unit: "m/s³",
+        what: "derivative of the acceleration",
+        value: &|m| m.jerk,
+        limit: &|m| jerk_limit(limits.jerk, m.speed),
+        quantity: |_| Quantity::Jerk,
+        event: |value, speed| format!("jerk of {value:.2} m/s³ at {speed:.1} m/s"),
+    };
+    let mut checks = vec![judge.check(&longitudinal), judge.check(&lateral), judge.check(&jerk)];
+    checks.push(match limits.lateral_jerk {
+        Some(limit) => judge.check(&Signal {
+            name: "comfort_lateral_jerk",
+            unit: "m/s³",
+            what: "derivative of the lateral acceleration",
+            value: &|m| m.lateral_jerk,
+            limit: &|_| limit,
+            quantity: |_| Quantity::LateralJerk,
+            event: |value, _| format!("lateral jerk of {:.2} m/s³ to the {}", value.abs(), side(value)),
+        }),
+        None => {
+            let why = format!("the comfort preset {} has no lateral jerk limit", preset.name());
+            Check::not_applicable("comfort_lateral_jerk", "m/s³", &why)
+        }
+    });
     checks
 }
 
-/// How the signals were made and what they are held against, for the notes.
-fn filter(filtered: &FilteredMotion, settings: &Settings) -> String {
-    let limits = match settings.comfort {
-        ComfortPreset::Safetlp => {
-            format!("limit with {:.0} % for the tracking controller", 100.0 * settings.comfort_margin)
-        }
-        published => format!("limits of {}", published.name()),
-    };
-    let cutoff = settings.comfort_cutoff;
-    format!("zero-phase Butterworth low-pass at {cutoff} Hz, {:.0} samples/s, {limits}", filtered.rate)
+fn side(left_positive: f64) -> &'static str {
+    if left_positive > 0.0 { "left" } else { "right" }
+}
+
+/// One filtered signal with its limit.
+struct Signal<'s> {
+    name: &'static str,
+    unit: &'static str,
+    /// The signal, for the method.
+    what: &'static str,
+    value: &'s dyn Fn(&Moment) -> f64,
+    limit: &'s dyn Fn(&Moment) -> f64,
+    quantity: fn(f64) -> Quantity,
+    /// The event in words, from value and speed (m/s).
+    event: fn(f64, f64) -> String,
 }
 
 struct Judge<'f> {
-    filtered: &'f FilteredMotion,
-    filter: String,
+    motion: &'f FilteredMotion,
+    settings: &'f Settings,
 }
 
 impl Judge<'_> {
-    /// Each is held against the limit at its own moment: the worst is the one that uses most of its limit.
-    fn check(
-        &self,
-        name: &'static str,
-        unit: &'static str,
-        value: &dyn Fn(&Moment) -> f64,
-        limit: &dyn Fn(&Moment) -> f64,
-        what: &str,
-    ) -> Check {
-        if self.filtered.rate > 0.0 && self.filtered.rate < LEAST_RATE * (1.0 - RATE_TOLERANCE) {
-            return too_slow(name, self.filtered);
+    /// Each moment has its own limit. The worst moment is the one that uses the largest share of its limit.
+    fn check(&self, signal: &Signal<'_>) -> Check {
+        let Signal { name, unit, .. } = *signal;
+        let cutoff = self.settings.comfort_cutoff;
+        let Some((_, worst)) = self.motion.worst(|m| (signal.value)(m).abs() / (signal.limit)(m)) else {
+            let why = format!("the run is shorter than one period of the filter, {:.2} s", 1.0 / cutoff);
+            return Check::not_applicable(name, unit, &why);
+        };
+        if self.motion.rate < LEAST_RATE * (1.0 - RATE_TOLERANCE) {
+            return too_slow(name, self.motion);
         }
-        let worst = self.filtered.worst(|m| value(m).abs() / limit(m)).map(|(_, m)| m);
-        let (value, limit) = worst.map_or((0.0, 0.0), |m| (value(&m), limit(&m)));
+        let (value, limit) = ((signal.value)(&worst), (signal.limit)(&worst));
+        let event = (signal.event)(value, worst.speed);
+        let source = self.settings.comfort.source((signal.quantity)(value));
         Check {
             name,
             status: Status::of(value.abs() <= limit),
             value: value.abs(),
             limit,
             unit,
-            at_time: worst.map(|m| m.time),
-            note: format!("{what}{}; {}", if value < 0.0 { " (negative)" } else { "" }, self.filter),
+            at_time: Some(worst.time),
+            note: format!("{event} at {:.2} s; limit {limit:.2} ({source})", worst.time),
+            method: self.method(signal.what),
         }
+    }
+
+    fn method(&self, what: &str) -> String {
+        let margin = match self.settings.comfort {
+            ComfortPreset::Safetlp => {
+                format!(
+                    "; the limit includes {:.0} % for the tracking controller",
+                    100.0 * self.settings.comfort_margin
+                )
+            }
+            _ => String::new(),
+        };
+        let (cutoff, rate) = (self.settings.comfort_cutoff, self.motion.rate);
+        format!("{what}, zero-phase Butterworth low-pass at {cutoff} Hz, {rate:.0} samples/s{margin}")
     }
 }
 
-/// Signals that nobody can judge comfort by: the value is the time between two samples.
-fn too_slow(name: &'static str, filtered: &FilteredMotion) -> Check {
+/// A log too coarse for comfort. The value is the time between two samples.
+fn too_slow(name: &'static str, motion: &FilteredMotion) -> Check {
     Check {
         name,
         status: Status::Fail,
-        value: 1.0 / filtered.rate,
+        value: 1.0 / motion.rate,
         limit: 1.0 / LEAST_RATE,
         unit: "s",
-        at_time: filtered.moments.first().map(|m| m.time),
-        note: format!("{:.0} samples/s in the log; comfort is judged by at least {LEAST_RATE:.0}", filtered.rate),
+        at_time: motion.moments.first().map(|m| m.time),
+        note: format!("the log has {:.0} samples/s; comfort needs at least {LEAST_RATE:.0}", motion.rate),
+        method: "mean time between two samples of the log".into(),
     }
 }
 
@@ -188,19 +230,19 @@ mod tests {
     }
 
     #[test]
-    fn a_log_slower_than_a_hundred_samples_a_second_is_refused_by_every_comfort_check() {
+    fn a_log_below_100_samples_per_second_fails_every_comfort_check() {
         let mut s = Story::clean();
         s.log.samples = s.log.samples.iter().step_by(2).copied().collect();
-        let refused = [("comfort_longitudinal", "s"), ("comfort_lateral", "s"), ("comfort_jerk", "s")];
-        assert_eq!(failures(&s), refused);
+        let failed = [("comfort_longitudinal", "s"), ("comfort_lateral", "s"), ("comfort_jerk", "s")];
+        assert_eq!(failures(&s), failed);
         let check = s.judge().first_failure().cloned().unwrap();
         assert!((check.value - 0.02).abs() < 1e-9 && (check.limit - 0.01).abs() < 1e-12, "{check:?}");
     }
 
     #[test]
-    fn a_preset_is_what_the_run_is_held_against() {
+    fn the_preset_sets_the_limits() {
         let mut s = Story::clean();
-        // the vehicle's own limits are 1.5 and 2.2 m/s² with a tenth
+        // the vehicle's limits are 1.5 and 2.2 m/s², with a margin of 10 %
         for m in &mut s.log.samples {
             m.acceleration += bump(m.time, 1.0, 3.0, 1.8) - bump(m.time, 7.0, 4.0, 1.2);
         }
@@ -208,13 +250,17 @@ mod tests {
         s.settings.comfort = ComfortPreset::Iso15622;
         assert_eq!(failures(&s), []);
         s.settings.comfort = ComfortPreset::R157;
-        assert_eq!(failures(&s), [("comfort_longitudinal", "m/s²")], "silent about acceleration: 1.8 m/s² is too much");
+        assert_eq!(
+            failures(&s),
+            [("comfort_longitudinal", "m/s²")],
+            "R157 has no limit for acceleration, so the vehicle's limit applies"
+        );
     }
 
     #[test]
-    fn lateral_jerk_is_asked_for_only_where_there_is_a_limit() {
+    fn lateral_jerk_applies_only_where_the_preset_has_a_limit() {
         let mut s = Story::clean();
-        // ±1.6 m/s² at 0.8 Hz: jerk 8 m/s³, hardly less behind the filter
+        // ±1.6 m/s² at 0.8 Hz: jerk 8 m/s³, hardly reduced by the filter
         for m in &mut s.log.samples {
             m.lateral_acceleration += bump(m.time, 1.0, 4.0, 1.6) * (5.0 * m.time).sin();
         }
@@ -223,5 +269,38 @@ mod tests {
         assert_eq!(failures(&s), [("comfort_lateral_jerk", "m/s³")]);
         let worst = s.judge().first_failure().cloned().unwrap();
         assert!(worst.value > 6.0 && worst.value < 8.5, "{worst:?}");
+    }
+
+    #[test]
+    fn the_note_names_the_event_the_limit_and_its_source() {
+        let mut s = Story::clean();
+        for m in &mut s.log.samples {
+            m.acceleration -= bump(m.time, 0.5, 4.0, 3.0);
+        }
+        let check = |s: &Story, name: &str| s.judge().checks.into_iter().find(|c| c.name == name).unwrap();
+        let braking = check(&s, "comfort_longitudinal");
+        let expected = format!(
+            "braked at {:.2} m/s² at {:.2} s; limit 2.42 (comfort preset safetlp)",
+            braking.value,
+            braking.at_time.unwrap()
+        );
+        assert_eq!(braking.note, expected);
+        assert!(braking.method.contains("2 Hz, 100 samples/s") && braking.method.contains("10 %"), "{braking:?}");
+        s.settings.comfort = ComfortPreset::Iso15622;
+        let lateral = check(&s, "comfort_lateral");
+        assert!(lateral.note.ends_with("(limit of the vehicle; comfort preset iso15622 has none)"), "{lateral:?}");
+        let jerk = check(&s, "comfort_lateral_jerk");
+        assert_eq!(jerk.note, "not applicable: the comfort preset iso15622 has no lateral jerk limit");
+    }
+
+    #[test]
+    fn comfort_does_not_apply_to_a_run_shorter_than_a_period_of_the_filter() {
+        let mut s = Story::clean();
+        s.log.samples.truncate(50);
+        let comfort = s.judge().checks.into_iter().filter(|c| c.name.starts_with("comfort"));
+        let short = comfort.filter(|c| c.name != "comfort_lateral_jerk");
+        assert!(short.clone().all(|c| c.status == Status::NotApplicable) && short.count() == 3);
+        s.log.samples = Story::clean().log.samples[..51].to_vec();
+        assert!(s.judge().checks.iter().any(|c| c.name == "comfort_jerk" && c.passed()));
     }
 }

@@ -1,104 +1,155 @@
-//! `no_contact`: the rig's contact, and the driven footprints against every obstacle and occupied cell at every sample.
+//! `no_contact`: contacts reported by the simulation, and overlaps of the driven footprints with obstacles and occupied cells.
+
+use std::fmt;
 
 use super::cells;
 use super::shapes::{footprint_at, gap};
 use super::{Check, Settings, Status};
-use crate::geometry::Point;
+use crate::geometry::{Point, Pose};
 use crate::map::{ConvexPart, Motion, Obstacle, Scenario};
-use crate::simulation::Log;
+use crate::simulation::{Contact, Log, Sample};
 use crate::vehicle::Vehicle;
 
-/// The smallest gap to any obstacle in a run.
+/// Something that a vehicle can touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Closest {
-    /// Gap, m; negative is the depth of an overlap.
-    pub(super) gap: f64,
-    /// Time of the run, s.
-    pub(super) time: f64,
-    /// Id of the obstacle.
-    pub(super) obstacle: i64,
+pub(super) enum Thing {
+    /// An obstacle, by its id.
+    Obstacle(i64),
+    /// Occupied cells, by the middle of the block that they form.
+    Cells(Point),
 }
 
-/// The smallest gap over all samples and obstacles; `None` if no obstacle ever exists while the vehicle drives.
-pub(super) fn closest(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Option<Closest> {
+impl fmt::Display for Thing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Obstacle(id) => write!(f, "obstacle {id}"),
+            Self::Cells(at) => write!(f, "occupied cells at ({:.2}, {:.2})", at.x, at.y),
+        }
+    }
+}
+
+/// A footprint that was at some place at some time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// s of the run.
+    pub(super) time: f64,
+    /// Rear axle.
+    pub(super) pose: Pose,
+    /// m/s.
+    pub(super) speed: f64,
+}
+
+impl From<&Sample> for Place {
+    fn from(s: &Sample) -> Self {
+        Self { time: s.time, pose: s.pose, speed: s.speed }
+    }
+}
+
+/// The places of a log, one for each sample.
+pub(super) fn places(log: &Log) -> Vec<Place> {
+    log.samples.iter().map(Place::from).collect()
+}
+
+/// The smallest gap between the vehicle and anything.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Nearest {
+    /// Gap, m; a negative gap is the depth of an overlap.
+    pub(super) gap: f64,
+    /// s of the run.
+    pub(super) time: f64,
+    /// Speed of the vehicle, m/s.
+    pub(super) speed: f64,
+    pub(super) thing: Thing,
+}
+
+impl Nearest {
+    /// Depth of the overlap, m; 0 if there is none.
+    pub(super) fn depth(&self) -> f64 {
+        (-self.gap).max(0.0)
+    }
+}
+
+/// The smallest gap to any obstacle at any place; `None` if no obstacle exists at any of the times.
+pub(super) fn nearest_obstacle(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
     let bodies: Vec<Body> = scenario.obstacles.iter().map(Body::new).collect();
     let reach = 0.5 * vehicle.length.hypot(vehicle.width);
-    let mut best: Option<Closest> = None;
-    for sample in &log.samples {
-        let footprint = footprint_at(vehicle, &sample.pose);
-        let centre = vehicle.centre_of_rear_axle(&sample.pose).position;
+    let mut best: Option<Nearest> = None;
+    for place in places {
+        let footprint = footprint_at(vehicle, &place.pose);
+        let centre = vehicle.centre_of_rear_axle(&place.pose).position;
         for body in &bodies {
             let floor = best.map_or(f64::INFINITY, |b| b.gap);
-            let found = body.gap_at(sample.time, &footprint, centre, reach, floor);
-            if found < floor {
-                best = Some(Closest { gap: found, time: sample.time, obstacle: body.obstacle.id });
+            let gap = body.gap_at(place.time, &footprint, centre, reach, floor);
+            if gap < floor {
+                let thing = Thing::Obstacle(body.obstacle.id);
+                best = Some(Nearest { gap, time: place.time, speed: place.speed, thing });
             }
         }
     }
     best
 }
 
-/// The smallest distance to any obstacle, or to any occupied cell within [`cells::FAR`], m, 0 on contact; `None` if there
-/// is none of both.
-pub(super) fn clearance(scenario: &Scenario, vehicle: &Vehicle, log: &Log) -> Option<f64> {
-    let obstacle = closest(scenario, vehicle, log).map(|c| c.gap);
-    let cell = cells::closest(scenario, vehicle, log).map(|c| c.gap);
-    obstacle.into_iter().chain(cell).reduce(f64::min).map(|gap| gap.max(0.0))
+/// The smallest gap to any obstacle, or to any occupied cell within [`cells::FAR`]; `None` if there is neither.
+pub(super) fn nearest(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
+    let obstacle = nearest_obstacle(scenario, vehicle, places);
+    let cells = cells::nearest(scenario, vehicle, places);
+    obstacle.into_iter().chain(cells).reduce(|a, b| if b.gap < a.gap { b } else { a })
 }
 
-/// The check. A set-based prediction counts as its whole set: being inside it is a contact.
+/// The contact that the simulation reports, as an event.
+pub(super) fn describe(contact: &Contact) -> String {
+    let Contact { time, with, at_rear_axle_frame: at, speed } = contact;
+    format!(
+        "touched {with} at {time:.2} s at {speed:.1} m/s; point of contact ({:.2}, {:.2}) m from the rear axle",
+        at.x, at.y
+    )
+}
+
+/// The check. Inside a predicted occupancy set counts as a contact.
 pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Check {
-    let closest = closest(scenario, vehicle, log);
-    let cell = cells::closest(scenario, vehicle, log);
-    let in_cells = cell.filter(|c| -c.gap > settings.contact_tolerance);
-    let depth = closest.map_or(0.0, |c| (-c.gap).max(0.0)).max(cell.map_or(0.0, |c| (-c.gap).max(0.0)));
-    let overlap = closest.filter(|c| -c.gap > settings.contact_tolerance);
+    let nearest = nearest(scenario, vehicle, &places(log));
+    let limit = settings.contact_tolerance;
+    let overlap = nearest.filter(|n| n.depth() > limit);
     let start = log.samples.first().map(|s| s.time);
-    // the nearer of both is told
-    let nearest_cell = cell.filter(|c| closest.is_none_or(|o| c.gap < o.gap));
-    let (at_time, note) = match (log.contact, overlap, in_cells, closest) {
-        (Some(c), ..) => (
-            Some(c.time),
-            format!(
-                "the rig reports a contact with {} at {:.2} m/s, struck at ({:.2}, {:.2}) m from the rear axle",
-                c.with, c.speed, c.at_rear_axle_frame.x, c.at_rear_axle_frame.y
-            ),
-        ),
-        (None, Some(o), ..) => {
-            let when = if Some(o.time) == start { " already at the start" } else { "" };
-            (
-                Some(o.time),
-                format!("the driven footprint overlaps obstacle {}{when}; the rig saw no contact", o.obstacle),
-            )
+    let (at_time, note) = match (log.contact, overlap, nearest) {
+        (Some(contact), ..) => (Some(contact.time), describe(&contact)),
+        (None, Some(n), _) => {
+            let when = if Some(n.time) == start { "at the start, " } else { "" };
+            let Nearest { time, speed, thing, .. } = n;
+            let depth = n.depth();
+            let event = format!("overlapped {thing} by {depth:.3} m at {when}{time:.2} s at {speed:.1} m/s");
+            (Some(time), format!("{event}; limit {limit} m; the simulation reported no contact"))
         }
-        (None, None, Some(c), _) => (Some(c.time), format!("the driven footprint overlaps occupied cells around {c}")),
-        (None, None, None, closest) => match (nearest_cell, closest) {
-            (Some(c), _) => (Some(c.time), format!("nearest: {:.2} m to occupied cells around {c}", c.gap.max(0.0))),
-            (None, Some(o)) => (Some(o.time), format!("nearest: {:.2} m to obstacle {}", o.gap.max(0.0), o.obstacle)),
-            (None, None) => (None, "no obstacle".into()),
-        },
+        (None, None, Some(n)) => {
+            let gap = n.gap.max(0.0);
+            (Some(n.time), format!("no contact; the nearest was {} at {gap:.2} m at {:.2} s", n.thing, n.time))
+        }
+        (None, None, None) => (None, "no contact; the scenario has no obstacle near the vehicle".into()),
     };
     Check {
         name: "no_contact",
-        status: Status::of(log.contact.is_none() && overlap.is_none() && in_cells.is_none()),
-        value: depth,
-        limit: settings.contact_tolerance,
+        status: Status::of(log.contact.is_none() && overlap.is_none()),
+        value: nearest.map_or(0.0, |n| n.depth()),
+        limit,
         unit: "m",
         at_time,
         note,
+        method:
+            "contacts of the simulation, and the footprint of every sample against every obstacle and occupied cell"
+                .into(),
     }
 }
 
-/// An obstacle with its convex pieces made once.
+/// An obstacle, divided into convex parts once.
 struct Body<'a> {
     obstacle: &'a Obstacle,
-    /// Pieces in the obstacle's frame, with the radius around its origin.
+    /// Parts in the frame of the obstacle.
     local: Group,
-    /// Pieces of each set of a set-based prediction, in world coordinates.
+    /// Start (s), end (s) and parts, in world coordinates, of each set of a set-based prediction.
     sets: Vec<(f64, f64, Group)>,
 }
 
-/// Convex pieces within a circle.
+/// Convex parts inside a circle.
 struct Group {
     parts: Vec<ConvexPart>,
     centre: Point,
@@ -132,7 +183,7 @@ impl<'a> Body<'a> {
         Self { obstacle, local: Group::new(obstacle.shape.convex_parts(), Point::origin()), sets }
     }
 
-    /// The gap at `time` between the nearest parts if it is smaller than `floor`, else something not smaller.
+    /// The gap to the footprint at a time, m, if it is smaller than `floor`; otherwise any number that is not smaller.
     fn gap_at(&self, time: f64, footprint: &[Vec<Point>], centre: Point, reach: f64, floor: f64) -> f64 {
         let out_of_reach = |c: Point, radius: f64| (c - centre).norm() - radius - reach >= floor;
         let smallest = |gaps: &mut dyn Iterator<Item = f64>| gaps.fold(f64::INFINITY, f64::min);

@@ -1,140 +1,145 @@
-//! `fallback_stops`: what the plans come to when nobody plans again.
+//! `fallback_stops`: every committed plan stops as it claims when it is followed without replanning.
 //!
-//! Every committed trajectory claims to be a way to rest. A run tests that claim once, at its end; here it is tested in
-//! between: the world of a moment is forked, the trajectory committed at that moment is driven to its end, and the judge
-//! looks at what that leads to. The fork is made by the loop ([`crate::drive`]), with the tyres, actuators, faults and
-//! obstacles of the run; obstacles do in a fork what they did in the run, as recorded or predicted, whatever the vehicle does.
+//! Every committed trajectory claims to end at standstill. A run tests that claim once, at its end. Here it is tested in
+//! between: a branch copies the simulation at one moment and follows the trajectory committed at that moment to its end. The
+//! loop ([`crate::drive`]) makes the branches, with the tyres, actuators, faults and obstacles of the run. Obstacles move in a
+//! branch as in the run, as recorded or predicted; they do not react to the vehicle.
 //!
-//! A fallback holds when
-//! - its trajectory ends at rest, begins within [`FARTHEST_START`] of the vehicle, and the vehicle comes to rest,
-//! - neither the rig nor the judge's own geometry sees a contact, until it rests and for [`FallbackSettings::hold`] after,
-//! - it rests at most [`Settings::stop_past`] beyond the planned stop and [`Settings::stop_short`] before it,
-//! - it brakes no harder than its plan says it may (filtered as comfort is, with [`Settings::comfort_margin`]), or than the
-//!   plan before it did, whose braking is to be released at [`RELEASE`] at least after [`HANDOVER`],
-//! - it stays on the road, or goes no farther off it than the vehicle was.
+//! A fallback passes if
+//! - its trajectory ends at standstill and begins within [`FARTHEST_START`] of the vehicle, and the vehicle stops,
+//! - neither the simulation nor the geometry of the verdict finds a contact, until it stops and for
+//!   [`FallbackSettings::hold`] after,
+//! - it stops at most [`Settings::stop_past`] beyond the planned stop and [`Settings::stop_short`] before it,
+//! - it brakes no harder than its plan claims (filtered as for comfort, with [`Settings::comfort_margin`]). Braking inherited
+//!   from the plan before is allowed for [`HANDOVER`]; then it has to decrease by [`RELEASE`] or faster,
+//! - it stays on the road, or moves no farther off the road than it was at the start.
 //!
-//! The limit of the deceleration is read from the planner's record: it is a promise, and a promise is what is judged.
-//! Everything else comes from the rig, the scenario and the trajectory.
+//! The claimed deceleration comes from the planner's record, because the claim is what is tested. Everything else comes from
+//! the simulation, the scenario and the trajectory.
 //!
-//! Weak where: between samples nobody looks; a fallback that is never sampled is never judged. The excursion from the road is
-//! measured every [`ROAD_SPACING`] of way.
+//! Weak where: a contact between two samples is seen by the simulation only; a fallback that is never sampled is not tested;
+//! the excursion from the road is measured every [`ROAD_SPACING`] of path.
 //!
 //! [`FallbackSettings::hold`]: super::FallbackSettings::hold
 
 use std::cmp::Ordering;
 
 use super::comfort::FilteredMotion;
+use super::contact::{self, Nearest, Place};
 use super::road::Road;
-use super::{Check, Settings, Status, cells, contact};
+use super::{Check, FallbackSettings, Settings, Status, cells};
 use crate::geometry::Pose;
 use crate::map::{Motion, Scenario};
-use crate::simulation::{Log, Sample};
+use crate::simulation::Log;
 use crate::trajectory::Trajectory;
 use crate::vehicle::Vehicle;
 
-/// Farthest that a fallback may begin from where the vehicle is, m: a plan for another place is none.
+/// Farthest that a fallback may begin from the vehicle, m.
 const FARTHEST_START: f64 = 1.5;
-/// How long the braking of the plan before may last in full, s: the lag of the brakes.
+/// How long inherited braking may last in full, s: the lag of the brakes.
 const HANDOVER: f64 = 0.1;
-/// How fast it has to be released then, m/s³: a gentler release is filtered as brakes that stick.
+/// Least rate at which inherited braking decreases then, m/s³.
 const RELEASE: f64 = 1.5;
-/// Time between two looks at a vehicle that rests, s.
+/// Time between two looks at a stopped vehicle, s.
 const WATCH: f64 = 0.02;
-/// Way between two looks at the road, m.
+/// Distance between two looks at the road, m.
 const ROAD_SPACING: f64 = 0.5;
 
-/// A world that went its own way from a moment of the run: nobody planned in it.
+/// A branch of the simulation: from one moment of the run it follows the committed plan without replanning.
 #[derive(Debug, Clone, Copy)]
 pub struct FallbackBranch<'a> {
     /// Number of the planning cycle, from 0.
     pub cycle: usize,
-    /// Whether the plan had changed in that cycle; if not, it is a regular sample.
+    /// Whether the plan changed in that cycle; if not, the branch is a regular sample.
     pub is_change: bool,
     /// The trajectory committed in that cycle.
     pub trajectory: &'a Trajectory,
-    /// Largest deceleration that the plan and its proof promise, m/s².
+    /// Largest deceleration that the plan and its proof claim, m/s².
     pub promised: f64,
-    /// Deceleration that the plan before wanted at the moment of the cycle, m/s²; negative if it accelerated.
+    /// Deceleration of the plan before at the time of the cycle, m/s²; negative if it accelerated.
     pub inherited: f64,
-    /// What the rig measured, from the cycle to rest.
+    /// The log of the branch, from the cycle to standstill.
     pub log: &'a Log,
 }
 
-/// What a fallback came to.
+/// The result of a fallback branch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fallback {
     /// Number of the planning cycle, from 0.
     pub cycle: usize,
     /// Time of the cycle, s of the run.
     pub time: f64,
-    /// Whether the plan had changed in that cycle.
+    /// Whether the plan changed in that cycle.
     pub is_change: bool,
-    /// Way to the planned stop, m.
+    /// Distance to the planned stop, m.
     pub planned_distance: f64,
-    /// Signed distance of the rest from the planned stop, m, positive beyond it; none without rest.
+    /// Largest deceleration that the plan and its proof claim, m/s².
+    pub promised: f64,
+    /// Signed distance of the final position from the planned stop, m, positive beyond it; `None` if it did not stop.
     pub stop_error: Option<f64>,
-    /// What comes nearest to its limit, or is farthest beyond it.
+    /// The event nearest to its limit, or the gravest beyond its limit.
     worst: Finding,
 }
 
 impl Fallback {
-    /// Whether it came to rest as promised.
+    /// Whether it stopped as its plan claims.
     #[must_use]
-    pub fn holds(&self) -> bool {
-        self.worst.holds
+    pub fn passes(&self) -> bool {
+        self.worst.passes
     }
 }
 
-/// What can be wrong with a fallback, worst first.
+/// Kinds of events in a fallback, gravest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
     Numbers,
     Contact,
-    Rest,
+    Standstill,
     Stop,
     Road,
     Braking,
     Start,
 }
 
-/// One thing that was looked at.
+/// One measured event.
 #[derive(Debug, Clone, PartialEq)]
 struct Finding {
     kind: Kind,
-    holds: bool,
+    passes: bool,
     value: f64,
     limit: f64,
     unit: &'static str,
     /// Time of the run, s.
     at: f64,
+    /// The event in words, without its time.
     what: String,
 }
 
 impl Finding {
     fn new(kind: Kind, value: f64, limit: f64, unit: &'static str, at: f64, what: String) -> Self {
-        Self { kind, holds: value <= limit, value, limit, unit, at, what }
+        Self { kind, passes: value <= limit, value, limit, unit, at, what }
     }
 
-    /// Which of two is worse: a broken limit before a kept one, then the graver, then the one that uses more of its limit.
+    /// Which of two is worse: a failure before a pass, then the graver failure, then the one that uses more of its limit.
     fn compared(&self, other: &Self) -> Ordering {
         let share = |f: &Self| if f.value > 0.0 { f.value / f.limit } else { 0.0 };
-        let graver = if self.holds { Ordering::Equal } else { other.kind.cmp(&self.kind) };
-        other.holds.cmp(&self.holds).then(graver).then(share(self).total_cmp(&share(other)))
+        let graver = if self.passes { Ordering::Equal } else { other.kind.cmp(&self.kind) };
+        other.passes.cmp(&self.passes).then(graver).then(share(self).total_cmp(&share(other)))
     }
 }
 
-/// Judges branches of one run. What they have in common is made once.
+/// Judges the branches of one run.
 pub struct FallbackJudge<'a> {
     scenario: &'a Scenario,
     vehicle: &'a Vehicle,
     settings: Settings,
     road: Road,
-    /// The end of the last motion that is known of, s.
+    /// The end of the last known motion, s.
     last_motion: f64,
 }
 
 impl<'a> FallbackJudge<'a> {
-    /// A judge for a scenario and the vehicle in it.
+    /// A judge for a scenario and a vehicle.
     #[must_use]
     pub fn new(scenario: &'a Scenario, vehicle: &'a Vehicle, settings: &Settings) -> Self {
         let moving = scenario.obstacles.iter().filter(|o| !matches!(o.motion, Motion::Static(_)));
@@ -142,70 +147,67 @@ impl<'a> FallbackJudge<'a> {
         Self { scenario, vehicle, settings: *settings, road: Road::new(&scenario.network), last_motion }
     }
 
-    /// Judges one fork.
+    /// Judges one branch.
     #[must_use]
-    pub fn assess(&self, fork: &FallbackBranch<'_>) -> Fallback {
+    pub fn assess(&self, branch: &FallbackBranch<'_>) -> Fallback {
         let settings = &self.settings;
-        let time = fork.log.samples.first().map_or(fork.trajectory.start_time, |s| s.time);
-        let stop = stop_error(fork, settings);
-        let findings = [ends_at_standstill(fork, settings, time), self.touches(fork), self.leaves_road(fork)]
+        let time = branch.log.samples.first().map_or(branch.trajectory.start_time, |s| s.time);
+        let stop = stop_error(branch, settings);
+        let findings = [ends_at_standstill(branch, settings, time), self.touches(branch), self.leaves_road(branch)]
             .into_iter()
-            .chain(broken_numbers(fork, time))
-            .chain(brakes(fork, settings))
+            .chain(broken_numbers(branch, time))
+            .chain(brakes(branch, settings))
             .chain(stop.map(|(error, at)| stops(error, at, settings)));
-        let worst = findings.fold(begins(fork, time), |a, b| if b.compared(&a).is_gt() { b } else { a });
+        let worst = findings.fold(begins(branch, time), |a, b| if b.compared(&a).is_gt() { b } else { a });
         Fallback {
-            cycle: fork.cycle,
+            cycle: branch.cycle,
             time,
-            is_change: fork.is_change,
-            planned_distance: fork.trajectory.profile.last().station - fork.trajectory.at(time).station,
+            is_change: branch.is_change,
+            planned_distance: branch.trajectory.profile.last().station - branch.trajectory.at(time).station,
+            promised: branch.promised,
             stop_error: stop.map(|(error, _)| error),
             worst,
         }
     }
 
-    /// Contact on the way, by the rig and by the judge's geometry, and at rest by the latter alone.
-    fn touches(&self, fork: &FallbackBranch<'_>) -> Finding {
+    /// Contact while driving, by the simulation and by geometry, and at standstill by geometry alone.
+    fn touches(&self, branch: &FallbackBranch<'_>) -> Finding {
         let tolerance = self.settings.contact_tolerance;
-        let watched = Log { samples: self.watched(fork.log), ..Log::default() };
-        let obstacle = contact::closest(self.scenario, self.vehicle, &watched)
-            .map(|c| (c.gap, c.time, format!("obstacle {}", c.obstacle)));
-        // cells stay where they are: nothing comes to a vehicle at rest
-        let cell = cells::closest(self.scenario, self.vehicle, fork.log)
-            .map(|c| (c.gap, c.time, format!("occupied cells around {c}")));
-        let nearest = obstacle.into_iter().chain(cell).reduce(|a, b| if b.0 < a.0 { b } else { a });
-        let start = fork.log.samples.first().map_or(0.0, |s| s.time);
-        let (gap, at, with) = nearest.unwrap_or((f64::INFINITY, start, "nothing".into()));
-        let depth = (-gap).max(0.0);
-        let Some(c) = fork.log.contact else {
-            let rests = fork.log.samples.last().is_some_and(|s| at > s.time);
-            let what = format!("{} {with}", if rests { "at rest, overlaps" } else { "overlaps" });
+        let obstacle = contact::nearest_obstacle(self.scenario, self.vehicle, &self.watched(branch.log));
+        // cells do not move: a stopped vehicle needs no further look
+        let cell = cells::nearest(self.scenario, self.vehicle, &contact::places(branch.log));
+        let nearest = obstacle.into_iter().chain(cell).reduce(|a, b| if b.gap < a.gap { b } else { a });
+        let start = branch.log.samples.first().map_or(0.0, |s| s.time);
+        let depth = nearest.map_or(0.0, |n| n.depth());
+        let Some(c) = branch.log.contact else {
+            let (at, what) = nearest.map_or((start, "no contact".into()), |n: Nearest| {
+                let stopped = branch.log.samples.last().is_some_and(|s| n.time > s.time);
+                let when = if stopped { " at standstill" } else { "" };
+                (n.time, format!("overlapped {} by {depth:.3} m{when}", n.thing))
+            });
             return Finding::new(Kind::Contact, depth, tolerance, "m", at, what);
         };
-        let what = format!(
-            "the rig reports a contact with {} at {:.2} m/s, struck at ({:.2}, {:.2}) m from the rear axle",
-            c.with, c.speed, c.at_rear_axle_frame.x, c.at_rear_axle_frame.y
-        );
-        Finding { holds: false, ..Finding::new(Kind::Contact, depth, tolerance, "m", c.time, what) }
+        let what = format!("touched {} at {:.1} m/s", c.with, c.speed);
+        Finding { passes: false, ..Finding::new(Kind::Contact, depth, tolerance, "m", c.time, what) }
     }
 
-    /// The samples of a fork, and those of its rest while something still moves.
-    fn watched(&self, log: &Log) -> Vec<Sample> {
-        let mut samples = log.samples.clone();
-        let at_rest = |s: &&Sample| log.contact.is_none() && s.speed.abs() <= self.settings.standstill_speed;
-        if let Some(last) = log.samples.last().filter(at_rest) {
+    /// The places of a branch, and its final standstill for as long as anything still moves.
+    fn watched(&self, log: &Log) -> Vec<Place> {
+        let mut places = contact::places(log);
+        let stopped = |s: &&Place| log.contact.is_none() && s.speed.abs() <= self.settings.standstill_speed;
+        if let Some(last) = places.last().filter(stopped).copied() {
             let until = self.last_motion.min(last.time + self.settings.fallbacks.hold);
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 600 s / 0.02 s; negative is 0
             let looks = ((until - last.time) / WATCH) as usize;
-            samples.extend((1..=looks).map(|i| Sample { time: last.time + i as f64 * WATCH, ..*last }));
+            places.extend((1..=looks).map(|i| Place { time: last.time + i as f64 * WATCH, ..last }));
         }
-        samples
+        places
     }
 
-    fn leaves_road(&self, fork: &FallbackBranch<'_>) -> Finding {
-        let excursion = |pose: &Pose| self.road.excursion(self.vehicle, pose);
+    fn leaves_road(&self, branch: &FallbackBranch<'_>) -> Finding {
+        let excursion = |pose: &Pose| self.road.excursion(self.vehicle, pose).depth;
         let (mut at_start, mut worst, mut last) = (0.0, (0.0, 0.0), None::<Pose>);
-        for sample in &fork.log.samples {
+        for sample in &branch.log.samples {
             if last.is_some_and(|l| (sample.pose.position - l.position).norm() < ROAD_SPACING) {
                 continue;
             }
@@ -218,97 +220,113 @@ impl<'a> FallbackJudge<'a> {
             }
         }
         let limit = self.settings.road_tolerance.max(at_start);
-        Finding::new(Kind::Road, worst.0, limit, "m", worst.1, format!("{:.2} m off the road", worst.0))
+        Finding::new(Kind::Road, worst.0, limit, "m", worst.1, format!("left the road by {:.2} m", worst.0))
     }
 }
 
-fn begins(fork: &FallbackBranch<'_>, time: f64) -> Finding {
-    let first = fork.log.samples.first();
-    let wanted = fork.trajectory.at(time).pose;
-    let apart = first.map_or(f64::INFINITY, |s| (s.pose.position - wanted.position).norm());
-    let what = format!("the fallback begins {apart:.2} m from the vehicle");
+fn begins(branch: &FallbackBranch<'_>, time: f64) -> Finding {
+    let first = branch.log.samples.first();
+    let planned = branch.trajectory.at(time).pose;
+    let apart = first.map_or(f64::INFINITY, |s| (s.pose.position - planned.position).norm());
+    let what = format!("began {apart:.2} m from the vehicle");
     Finding::new(Kind::Start, apart, FARTHEST_START, "m", time, what)
 }
 
-/// The plan has to end at rest, and the vehicle has to be there.
-fn ends_at_standstill(fork: &FallbackBranch<'_>, settings: &Settings, time: f64) -> Finding {
-    let planned = fork.trajectory.profile.last().speed;
-    let (speed, at) = fork.log.samples.last().map_or((0.0, time), |s| (s.speed.abs(), s.time));
+/// The plan has to end at standstill, and so has the vehicle.
+fn ends_at_standstill(branch: &FallbackBranch<'_>, settings: &Settings, time: f64) -> Finding {
+    let planned = branch.trajectory.profile.last().speed;
+    let (speed, at) = branch.log.samples.last().map_or((0.0, time), |s| (s.speed.abs(), s.time));
     let (speed, what) = if planned > settings.standstill_speed {
         (planned, format!("the committed trajectory ends at {planned:.2} m/s"))
     } else {
-        (speed, format!("at {speed:.3} m/s when its planned stop was over"))
+        (speed, format!("moved at {speed:.3} m/s after the planned stop"))
     };
-    // a contact ends the fork, and is worse
-    let limit = if fork.log.contact.is_some() { f64::INFINITY } else { settings.standstill_speed };
-    Finding::new(Kind::Rest, speed, limit, "m/s", at, what)
+    // a contact ends the branch and is graver
+    let limit = if branch.log.contact.is_some() { f64::INFINITY } else { settings.standstill_speed };
+    Finding::new(Kind::Standstill, speed, limit, "m/s", at, what)
 }
 
-fn broken_numbers(fork: &FallbackBranch<'_>, time: f64) -> Option<Finding> {
-    let (at, what) = match (fork.log.broke_at, fork.log.samples.is_empty()) {
-        (Some(at), _) => (at, "the physics produced a number that is not finite"),
-        (None, true) => (time, "nothing was driven"),
+fn broken_numbers(branch: &FallbackBranch<'_>, time: f64) -> Option<Finding> {
+    let (at, what) = match (branch.log.broke_at, branch.log.samples.is_empty()) {
+        (Some(at), _) => (at, "the simulation produced a number that is not finite"),
+        (None, true) => (time, "the log of the branch is empty"),
         (None, false) => return None,
     };
     Some(Finding::new(Kind::Numbers, 1.0, 0.0, "samples", at, what.into()))
 }
 
-/// The deceleration that uses most of its limit. Too little was driven to filter: none.
-fn brakes(fork: &FallbackBranch<'_>, settings: &Settings) -> Option<Finding> {
-    let filtered = FilteredMotion::new(fork.log, settings.comfort_cutoff);
+/// The deceleration that uses most of its limit; `None` if the branch is too short to filter.
+fn brakes(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<Finding> {
+    let filtered = FilteredMotion::new(branch.log, settings.comfort_cutoff);
     let begun = *filtered.moments.first()?;
-    let inherited = fork.inherited.max(-begun.acceleration);
+    let inherited = branch.inherited.max(-begun.acceleration);
     let limit = |time: f64| {
         let released = RELEASE * (time - begun.time - HANDOVER).max(0.0);
-        (1.0 + settings.comfort_margin) * fork.promised.max(inherited - released)
+        (1.0 + settings.comfort_margin) * branch.promised.max(inherited - released)
     };
     let (_, worst) = filtered.worst(|m| -m.acceleration / limit(m.time))?;
-    let what = format!("brakes at {:.2} m/s², promised are {:.2}", -worst.acceleration, fork.promised);
     let value = (-worst.acceleration).max(0.0);
+    let what = format!("braked at {value:.2} m/s²");
     Some(Finding::new(Kind::Braking, value, limit(worst.time), "m/s²", worst.time, what))
 }
 
-/// Signed distance of the rest from the planned one along its heading, m, with the time of coming to rest.
-fn stop_error(fork: &FallbackBranch<'_>, settings: &Settings) -> Option<(f64, f64)> {
-    if fork.log.contact.is_some() || !fork.trajectory.profile.ends_at_standstill() {
+/// Signed distance of the final position from the planned stop along its heading, m, with the time of stopping, s.
+fn stop_error(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<(f64, f64)> {
+    if branch.log.contact.is_some() || !branch.trajectory.profile.ends_at_standstill() {
         return None;
     }
-    let last = fork.log.samples.last().filter(|s| s.speed.abs() <= settings.standstill_speed)?;
-    let planned = fork.trajectory.path.at(fork.trajectory.profile.last().station).pose;
-    let at = fork.log.samples.iter().rfind(|s| s.speed.abs() > settings.standstill_speed).map_or(last.time, |s| s.time);
+    let samples = &branch.log.samples;
+    let last = samples.last().filter(|s| s.speed.abs() <= settings.standstill_speed)?;
+    let planned = branch.trajectory.path.at(branch.trajectory.profile.last().station).pose;
+    let at = samples.iter().rfind(|s| s.speed.abs() > settings.standstill_speed).map_or(last.time, |s| s.time);
     Some((planned.to_local(last.pose.position).x, at))
 }
 
 fn stops(error: f64, at: f64, settings: &Settings) -> Finding {
     let (limit, side) = if error > 0.0 { (settings.stop_past, "beyond") } else { (settings.stop_short, "before") };
-    let what = format!("at rest {:.3} m {side} its planned stop", error.abs());
+    let what = format!("stopped {:.2} m {side} the planned stop", error.abs());
     Finding::new(Kind::Stop, error.abs(), limit, "m", at, what)
 }
 
-/// The check over all fallbacks; `None` when none was driven. `left_out` counts changes of the plan that were not sampled.
+const NAME: &str = "fallback_stops";
+
+/// The check over all fallbacks of a run. `left_out` counts the changes of the plan that were not sampled. The check does not
+/// apply if the settings turn it off or if no branch was simulated.
 #[must_use]
-pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize) -> Option<Check> {
-    let worst = fallbacks.iter().reduce(|a, b| if b.worst.compared(&a.worst).is_gt() { b } else { a })?;
-    let failed = fallbacks.iter().filter(|f| !f.holds()).count();
+pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &FallbackSettings) -> Check {
+    if !settings.enabled {
+        return Check::not_applicable(NAME, "", "the settings turn fallback branches off");
+    }
+    let Some(worst) = fallbacks.iter().reduce(|a, b| if b.worst.compared(&a.worst).is_gt() { b } else { a }) else {
+        return Check::not_applicable(NAME, "", "no planning cycle had a proven plan");
+    };
+    let all = fallbacks.len();
+    let failed = fallbacks.iter().filter(|f| !f.passes()).count();
     let changes = fallbacks.iter().filter(|f| f.is_change).count();
     let Finding { value, limit, unit, at, what, .. } = &worst.worst;
-    let from = format!(
-        "from cycle {} at {:.2} s, {:.1} m before its planned stop",
-        worst.cycle, worst.time, worst.planned_distance
+    let count = if failed == 0 {
+        format!("all {all} passed, nearest to its limit")
+    } else {
+        format!("{failed} of {all} failed, worst")
+    };
+    let plan = format!(
+        "fallback stop at {:.1} m with at most {:.1} m/s², from cycle {} at {:.2} s",
+        worst.planned_distance, worst.promised, worst.cycle, worst.time
     );
-    Some(Check {
-        name: "fallback_stops",
+    Check {
+        name: NAME,
         status: Status::of(failed == 0),
         value: *value,
         limit: *limit,
         unit,
         at_time: Some(*at),
-        note: format!(
-            "{} fallbacks driven to rest, {changes} of them where the plan changed, {left_out} changes not sampled; {failed} failed; \
-             worst {from}: {what}",
-            fallbacks.len()
+        note: format!("{count}: {what} at {at:.2} s; limit {limit:.2} {unit} ({plan})"),
+        method: format!(
+            "{all} branches of the simulation follow the committed plan to standstill: {} at regular times, {changes} \
+             where the plan changed; {left_out} changes not sampled",
+            all - changes
         ),
-    })
+    }
 }
 
 #[cfg(test)]
@@ -319,54 +337,64 @@ mod tests {
     use crate::simulation::{Contact, Touched};
     use crate::trajectory::SpeedProfile;
 
-    /// The clean run as if it were a fork: it brakes at 2 m/s² at most and rests at x = 82 m from 13 s on.
+    /// The clean run as a branch: it brakes at 2 m/s² at most and stops at x = 82 m at 13 s.
     fn assessed(s: &Story, promised: f64, inherited: f64) -> Fallback {
         let trajectory = &s.cycles[0].committed;
-        let fork = FallbackBranch { cycle: 3, is_change: false, trajectory, promised, inherited, log: &s.log };
-        FallbackJudge::new(&s.scenario, &s.vehicle, &s.settings).assess(&fork)
+        let branch = FallbackBranch { cycle: 3, is_change: false, trajectory, promised, inherited, log: &s.log };
+        FallbackJudge::new(&s.scenario, &s.vehicle, &s.settings).assess(&branch)
     }
 
     fn kind(s: &Story) -> Option<Kind> {
-        let found = assessed(s, 2.2, 0.0);
-        (!found.holds()).then_some(found.worst.kind)
+        let fallback = assessed(s, 2.2, 0.0);
+        (!fallback.passes()).then_some(fallback.worst.kind)
     }
 
     #[test]
-    fn the_clean_run_is_a_fallback_that_holds() {
+    fn the_clean_run_passes_as_a_fallback() {
         let found = assessed(&Story::clean(), 2.2, 0.0);
-        assert!(found.holds(), "{found:?}");
+        assert!(found.passes(), "{found:?}");
         assert!((found.planned_distance - 72.0).abs() < 1e-9 && found.stop_error.unwrap().abs() < 1e-6, "{found:?}");
-        let check = fallback_stops(&[found], 0).unwrap();
+        let check = fallback_stops(&[found], 0, &FallbackSettings::default());
         assert!(check.passed() && check.unit == "m/s²" && (check.value - 2.0).abs() < 0.01, "{check:?}");
-        assert!(check.note.contains("from cycle 3 at 0.00 s"), "{check:?}");
-        assert_eq!(fallback_stops(&[], 4), None);
+        let plan = "(fallback stop at 72.0 m with at most 2.2 m/s², from cycle 3 at 0.00 s)";
+        assert!(check.note.starts_with("all 1 passed") && check.note.ends_with(plan), "{check:?}");
     }
 
-    /// What has to be found, what is broken, and how.
+    #[test]
+    fn the_check_does_not_apply_without_branches() {
+        let settings = FallbackSettings::default();
+        let none = fallback_stops(&[], 4, &settings);
+        assert_eq!(none.note, "not applicable: no planning cycle had a proven plan");
+        let off = fallback_stops(&[], 0, &FallbackSettings { enabled: false, ..settings });
+        assert_eq!(off.note, "not applicable: the settings turn fallback branches off");
+        assert!([none, off].iter().all(|c| c.status == Status::NotApplicable));
+    }
+
+    /// The expected kind, the fault, and the function that introduces it.
     type Breakage = (Kind, &'static str, fn(&mut Story));
 
     #[test]
-    fn each_broken_fallback_is_found_for_what_is_broken() {
+    fn each_fault_fails_with_its_kind() {
         let broken: [Breakage; 11] = [
-            (Kind::Contact, "a parked car's edge in the way", |s| {
+            (Kind::Contact, "a parked car over the edge of the path", |s| {
                 s.scenario.obstacles[0] = s.place.parked(100, 60.0, 1.69);
             }),
-            (Kind::Contact, "a contact that only the rig saw", |s| {
+            (Kind::Contact, "a contact that only the simulation reports", |s| {
                 let (with, at_rear_axle_frame) = (Touched::Obstacle(101), Point::new(3.6, 0.0));
                 s.log.contact = Some(Contact { time: 3.0, with, at_rear_axle_frame, speed: 8.0 });
             }),
-            (Kind::Contact, "a car that drives into the vehicle three seconds after the log's end", |s| {
+            (Kind::Contact, "a car that hits the vehicle three seconds after the end of the log", |s| {
                 s.scenario.obstacles[1] = s.place.moving(101, (14.0, 18.0), (140.0, 0.0), (84.0, 0.0));
             }),
-            (Kind::Rest, "a plan that ends moving", |s| {
+            (Kind::Standstill, "a plan that ends moving", |s| {
                 let knots = s.cycles[0].committed.profile.knots()[..2].to_vec();
                 s.cycles[0].committed.profile = SpeedProfile::new(knots).unwrap();
             }),
-            (Kind::Rest, "a vehicle that is still moving", |s| s.log.samples.truncate(1100)),
-            (Kind::Stop, "a rest 0.15 m beyond the planned one", |s| {
+            (Kind::Standstill, "a vehicle that still moves", |s| s.log.samples.truncate(1100)),
+            (Kind::Stop, "a stop 0.15 m beyond the planned one", |s| {
                 s.displace(|m| (0.15 * m.time.min(13.0) / 13.0, 0.0));
             }),
-            (Kind::Stop, "a rest 0.4 m before the planned one", |s| {
+            (Kind::Stop, "a stop 0.4 m before the planned one", |s| {
                 s.displace(|m| (-0.4 * m.time.min(13.0) / 13.0, 0.0));
             }),
             (Kind::Road, "a hole in the road", |s| {
@@ -380,7 +408,7 @@ mod tests {
             }),
             (Kind::Start, "a plan for another place", |s| {
                 let x = 10.0 - s.vehicle.rear_axle_to_centre;
-                // beside, so that the stop is where it was along the way
+                // beside the path, so that the station of the stop is unchanged
                 s.cycles[0].committed.path = s.place.straight(x, 1.6, 72.0);
             }),
             (Kind::Numbers, "a number that is not finite", |s| s.log.broke_at = Some(3.0)),
@@ -393,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn rest_is_watched_only_as_long_as_the_settings_say() {
+    fn standstill_is_watched_only_as_long_as_the_settings_say() {
         let mut s = Story::clean();
         s.scenario.obstacles[1] = s.place.moving(101, (14.0, 18.0), (140.0, 0.0), (84.0, 0.0));
         s.settings.fallbacks.hold = 1.0;
@@ -401,24 +429,24 @@ mod tests {
     }
 
     #[test]
-    fn inherited_braking_is_let_go_while_it_is_released_and_no_longer() {
+    fn inherited_braking_is_allowed_only_while_it_decreases() {
         let mut s = Story::clean();
         // 4 m/s² at the start, released at 1.8 m/s³
         for m in &mut s.log.samples {
             m.acceleration -= (4.0 - 1.8 * m.time).max(0.0);
         }
-        assert!(assessed(&s, 2.2, 4.0).holds());
-        // held for 1.5 s
+        assert!(assessed(&s, 2.2, 4.0).passes());
+        // constant for 1.5 s
         let mut s = Story::clean();
         for m in s.log.samples.iter_mut().filter(|m| m.time < 1.5) {
             m.acceleration -= 4.0;
         }
         let found = assessed(&s, 2.2, 4.0);
-        assert!(!found.holds() && found.worst.kind == Kind::Braking, "{found:?}");
+        assert!(!found.passes() && found.worst.kind == Kind::Braking, "{found:?}");
     }
 
     #[test]
-    fn a_vehicle_that_was_off_the_road_may_return_but_not_go_farther_off() {
+    fn a_vehicle_off_the_road_may_return_but_not_move_farther_off() {
         let mut s = Story::clean();
         s.displace(|m| (0.0, 1.5 * (1.0 - m.time / 5.0).max(0.0)));
         s.cycles[0].committed.path = s.place.straight(10.0 - s.vehicle.rear_axle_to_centre, 0.5, 72.0);
@@ -428,15 +456,18 @@ mod tests {
     }
 
     #[test]
-    fn a_promise_that_is_broken_outweighs_kept_ones_and_a_graver_one_a_lesser_one() {
+    fn a_failure_outweighs_a_pass_and_a_graver_failure_a_lesser_one() {
         let mut past = Story::clean();
         past.displace(|m| (0.15 * m.time.min(13.0) / 13.0, 0.0));
         let mut hit = Story::clean();
         hit.scenario.obstacles[0] = hit.place.parked(100, 60.0, 1.69);
         let all = [&Story::clean(), &past, &hit, &past].map(|s| assessed(s, 2.2, 0.0));
-        let check = fallback_stops(&all, 2).unwrap();
-        assert!(check.failed() && check.note.contains("overlaps obstacle 100"), "{check:?}");
-        assert!(check.note.contains("2 changes not sampled; 3 failed"), "{check:?}");
+        let check = fallback_stops(&all, 2, &FallbackSettings::default());
+        assert!(check.failed() && check.note.contains("worst: overlapped obstacle 100 by 0.015 m at "), "{check:?}");
+        assert!(
+            check.note.starts_with("3 of 4 failed") && check.method.ends_with("2 changes not sampled"),
+            "{check:?}"
+        );
         assert!((check.value - (0.805 - (1.69 - 0.9))).abs() < 1e-9);
     }
 }

@@ -1,24 +1,22 @@
-//! The low-pass filter in front of every comfort figure.
+//! The low-pass filter applied before every comfort check.
 //!
-//! A second-order Butterworth filter run forwards and backwards: no phase lag, so the time of an extreme is the time
-//! at which it was filtered. "Phaseless" Butterworth filters are what vehicle testing prescribes for measured
-//! accelerations (Euro NCAP's test protocols: 10 Hz, for peaks of emergency braking). Passengers'
-//! comfort is about slower motion, and jerk needs more smoothing than acceleration: ISO 15622 averages jerk over 1 s,
-//! UN R79 lateral jerk over 0.5 s. A moving average over `T` passes 1/√2 at 0.443/`T`, so those are 0.44 and 0.89 Hz;
-//! the 2 Hz used here by default let more through and are the stricter judge.
+//! A second-order Butterworth filter runs forwards and backwards. It has no phase lag, so an extreme keeps its time. Vehicle
+//! testing prescribes such phaseless filters for measured accelerations (Euro NCAP test protocols: 10 Hz, for peaks of
+//! emergency braking). Comfort concerns slower motion, and jerk needs more smoothing than acceleration: ISO 15622 averages
+//! jerk over 1 s, UN R79 lateral jerk over 0.5 s. A moving average over `T` passes 1/√2 at 0.443/`T`, which is 0.44 and
+//! 0.89 Hz. The default of 2 Hz passes more and is therefore stricter.
 
 use std::f64::consts::{PI, SQRT_2};
 
-/// Filters a signal sampled at `rate` Hz so that a sinusoid of `cutoff` Hz keeps 1/√2 of its amplitude and no phase
-/// shift; constants pass unchanged. Beyond its ends the signal is continued by its mirror image.
+/// Filters a signal sampled at `rate` Hz. A sinusoid of `cutoff` Hz keeps 1/√2 of its amplitude; constants are unchanged;
+/// nothing is shifted in phase. The signal is extended by its mirror image at both ends.
 ///
-/// Weak at the ends: a slope there is taken for level within about half a period of the cutoff. The usual point
-/// reflection keeps slopes, but turns about the end sample itself, so that its noise would shift everything near it.
+/// Weak at the ends: the mirror image flattens a slope within about half a period of the cutoff. The usual point reflection
+/// keeps slopes, but it reflects about the end sample, whose noise would then shift the signal near it.
 ///
-/// Two passes of a filter multiply their gains, so each is designed for a higher frequency: `cutoff` divided by
-/// (√2 − 1)^¼ (Winter, *Biomechanics and Motor Control of Human Movement*, 2.2.4.4), in the bilinear transform's warped
-/// frequency, where that is exact. At least ten samples to a period of `cutoff` are wanted; a slower signal is
-/// returned as it is, since there is nothing above the cutoff to take away.
+/// Two passes multiply their gains, so each pass is designed for a higher frequency: `cutoff` divided by (√2 − 1)^¼ (Winter,
+/// *Biomechanics and Motor Control of Human Movement*, 2.2.4.4), in the warped frequency of the bilinear transform, where the
+/// factor is exact. A signal with fewer than ten samples per period of `cutoff` is returned unchanged.
 #[must_use]
 pub fn zero_phase_low_pass(signal: &[f64], cutoff: f64, rate: f64) -> Vec<f64> {
     const SAMPLES_PER_PERIOD: f64 = 10.0;
@@ -35,11 +33,11 @@ pub fn zero_phase_low_pass(signal: &[f64], cutoff: f64, rate: f64) -> Vec<f64> {
     padded[pad..pad + signal.len()].to_vec()
 }
 
-/// Samples added at each end: 1.5 periods of the cutoff, in which the filter's transient dies down to a few 1e-4.
+/// Samples added at each end: 1.5 periods of the cutoff. The transient of the filter decays to a few 1e-4 within them.
 fn padding(samples: usize, cutoff: f64, rate: f64) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // positive; saturates at huge rates
-    let wanted = (1.5 * rate / cutoff).ceil() as usize;
-    wanted.min(samples - 1)
+    let samples_of_transient = (1.5 * rate / cutoff).ceil() as usize;
+    samples_of_transient.min(samples - 1)
 }
 
 /// The signal with its mirror image at both ends. `pad` is less than its length.
@@ -49,7 +47,7 @@ fn continued(signal: &[f64], pad: usize) -> Vec<f64> {
     before.chain(signal).chain(after).copied().collect()
 }
 
-/// Coefficients of the second-order section; its gain at zero frequency is 1.
+/// Coefficients of the second-order section. Its gain at zero frequency is 1.
 struct Butterworth {
     b: [f64; 3],
     a: [f64; 2],
@@ -110,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn constants_pass_up_to_both_ends_and_ramps_between_them() {
+    fn constants_are_unchanged_everywhere_and_ramps_away_from_the_ends() {
         let constant = zero_phase_low_pass(&[1.5; 300], 2.0, 100.0);
         assert!(constant.iter().all(|v| (v - 1.5).abs() < 1e-12), "{constant:?}");
         let ramp: Vec<f64> = (0..500).map(|i| 3.0 + 0.01 * f64::from(i)).collect();
@@ -121,14 +119,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_at_the_ends_shifts_nothing() {
+    fn noise_at_the_ends_does_not_shift_the_signal() {
         let noise: Vec<f64> = (0..300).map(|i| if i % 2 == 0 { 5.0 } else { -5.0 }).collect();
         let filtered = zero_phase_low_pass(&noise, 2.0, 100.0);
         assert!(filtered.iter().all(|v| v.abs() < 0.1), "{filtered:?}");
     }
 
     #[test]
-    fn short_slow_or_senseless_signals_come_back_as_they_are() {
+    fn short_or_coarse_signals_are_returned_unchanged() {
         assert_eq!(zero_phase_low_pass(&[], 2.0, 100.0), Vec::<f64>::new());
         assert_eq!(zero_phase_low_pass(&[1.0, 2.0], 2.0, 100.0), [1.0, 2.0]);
         assert_eq!(zero_phase_low_pass(&[1.0, 2.0, 0.0], 2.0, 10.0), [1.0, 2.0, 0.0]);

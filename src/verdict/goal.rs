@@ -1,19 +1,20 @@
-//! `goal`: every condition of one of the problem's goal states, at once, at a time step of the scenario.
+//! `goal`: the driven state meets every condition of one of the problem's goal states at one time step of the scenario.
 //!
-//! CommonRoad judges a solution's states, which lie at the file's time steps, and it judges the vehicle's **centre**.
-//! So does this.
+//! CommonRoad evaluates the states of a solution, which lie at the time steps of the file, and the **centre** of the vehicle.
+//! This check does the same.
 
 use super::shapes::contains;
+use super::stop_needed::FreeRoad;
 use super::{Check, Status};
 use crate::geometry::{Point, Pose};
 use crate::map::{Goal, GoalPosition, Interval, PlanningProblem, Scenario, Shape};
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
-/// Slack of a time interval, s: times of steps are products of the step and come with rounding.
+/// Slack of a time interval, s: the time of a step is a product and is rounded.
 const TIME_SLACK: f64 = 1e-6;
 
-/// The goal of a problem with its regions looked up, to be asked sample by sample.
+/// The goal states of a problem, with their regions resolved.
 #[derive(Debug, Clone)]
 pub struct GoalWatch {
     goals: Vec<Watched>,
@@ -42,7 +43,7 @@ impl Region {
     }
 }
 
-/// The conditions of a goal that do not hold in a state, by name.
+/// Names of the conditions of a goal that a state does not meet.
 type Unmet = Vec<&'static str>;
 
 impl Watched {
@@ -56,13 +57,13 @@ impl Watched {
             ("heading", yaw.is_none_or(|i| i.contains_angle(centre.yaw))),
         ]
         .into_iter()
-        .filter_map(|(name, holds)| (!holds).then_some(name))
+        .filter_map(|(name, is_met)| (!is_met).then_some(name))
         .collect()
     }
 }
 
 impl GoalWatch {
-    /// Looks up the goal's regions. Lanelets that the network does not have are no part of the goal.
+    /// Resolves the goal regions. Lanelets that the network does not have are ignored.
     #[must_use]
     pub fn new(scenario: &Scenario, problem: &PlanningProblem) -> Self {
         let region = |position: &GoalPosition| match position {
@@ -87,9 +88,8 @@ impl GoalWatch {
         self.goals.iter().any(|g| g.unmet(centre, speed, time).is_empty())
     }
 
-    /// The first time step of the file within the samples at which one of the goals is met and `counts` holds of speed
-    /// (m/s) and time (s): the index of the first sample that is no earlier. States between samples are interpolated, so
-    /// that no rate of samples misses a time step.
+    /// Index of the first sample at or after the first time step at which one of the goals is met and `counts` is true of
+    /// speed (m/s) and time (s). States between samples are interpolated, so the result does not depend on the sample rate.
     #[must_use]
     pub fn reached_in(
         &self,
@@ -104,15 +104,32 @@ impl GoalWatch {
         (index < samples.len()).then_some(index)
     }
 
-    /// The latest time at which the goal can still be reached, s; −∞ without a goal.
+    /// Whether waiting can reach a goal: the state meets every condition but the time, and the time window opens later.
+    /// Arguments as for [`GoalWatch::is_goal`].
+    #[must_use]
+    pub fn opens_later(&self, centre: &Pose, speed: f64, time: f64) -> bool {
+        let waits = |g: &Watched| g.goal.time.min > time && g.unmet(centre, speed, time) == ["time"];
+        self.goals.iter().any(waits)
+    }
+
+    /// The latest time at which the goal can be reached, s; −∞ without a goal.
     #[must_use]
     pub fn deadline(&self) -> f64 {
         self.goals.iter().map(|g| g.goal.time.max).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The fewest conditions left unmet by any of the goals, and which.
+    /// The unmet conditions of the goal that the state meets best.
     fn least_unmet(&self, centre: &Pose, speed: f64, time: f64) -> Option<Unmet> {
         self.goals.iter().map(|g| g.unmet(centre, speed, time)).min_by_key(Vec::len)
+    }
+
+    /// Whether the centre of the vehicle passed a goal region: it was inside one and ends outside of it.
+    fn is_driven_past(&self, vehicle: &Vehicle, samples: &[Sample]) -> bool {
+        let Some(last) = samples.last().map(|s| vehicle.centre_of_rear_axle(&s.pose).position) else { return false };
+        self.goals.iter().filter_map(|g| g.region.as_ref()).any(|region| {
+            let was_inside = |s: StateAtStep| region.contains(s.centre.position);
+            !region.contains(last) && states_at_steps(self.time_step, vehicle, samples).any(was_inside)
+        })
     }
 }
 
@@ -125,31 +142,54 @@ pub fn goal_reached_at(scenario: &Scenario, problem: &PlanningProblem, vehicle: 
         .map(|s| s.time)
 }
 
-/// The check. Its value counts the conditions that were not met at the time step that met most.
-pub(super) fn goal(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, log: &Log) -> Check {
+const NAME: &str = "goal";
+const UNIT: &str = "conditions";
+
+/// The check. Its value is the number of unmet conditions at the time step that meets most.
+///
+/// `ahead` is the road ahead of a run that stopped instead of reaching its goal. The check does not apply if the problem has
+/// no goal, or if something stood in the way of such a run before it passed the goal.
+pub(super) fn goal(
+    scenario: &Scenario,
+    problem: &PlanningProblem,
+    vehicle: &Vehicle,
+    log: &Log,
+    ahead: Option<&FreeRoad>,
+) -> Check {
+    if problem.goals.is_empty() {
+        return Check::not_applicable(NAME, UNIT, "the planning problem has no goal");
+    }
     let watch = GoalWatch::new(scenario, problem);
     let best = states_at_steps(scenario.time_step, vehicle, &log.samples)
         .filter_map(|s| Some((watch.least_unmet(&s.centre, s.speed, s.time)?, s.time)))
         .min_by_key(|(unmet, _)| unmet.len());
     let check = |value: f64, at_time, note| Check {
-        name: "goal",
+        name: NAME,
         status: Status::of(value == 0.0),
         value,
         limit: 0.0,
-        unit: "conditions",
+        unit: UNIT,
         at_time,
         note,
+        method: "conditions of a goal state that the vehicle's centre does not meet at the best time step".into(),
     };
-    match best {
-        None => check(1.0, None, "the problem has no goal state, or the run no time step".into()),
-        Some((unmet, time)) if unmet.is_empty() => {
-            check(0.0, Some(time), "every condition met by the vehicle's centre at a time step".into())
+    let past = || watch.is_driven_past(vehicle, &log.samples);
+    match (best, ahead.filter(|a| a.is_in_the_way())) {
+        (Some((unmet, time)), _) if unmet.is_empty() => {
+            check(0.0, Some(time), format!("reached the goal at {time:.2} s"))
         }
-        Some((unmet, time)) => check(
-            unmet.len() as f64,
-            Some(time),
-            format!("never met together; nearest to it, unmet: {}", unmet.join(", ")),
-        ),
+        (_, Some(ahead)) if !past() => Check::not_applicable(NAME, UNIT, &ahead.to_string()),
+        (None, _) => check(1.0, None, "missed the goal: the run covers no time step of the scenario".into()),
+        (Some((unmet, time)), _) => {
+            let (count, names) = (unmet.len(), unmet.join(", "));
+            let end = match ahead {
+                Some(_) if past() => "; it drove past the goal".to_owned(),
+                Some(ahead) => format!("; {ahead}"),
+                None => String::new(),
+            };
+            let note = format!("missed the goal: {count} unmet at best ({names}), first at {time:.2} s{end}");
+            check(count as f64, Some(time), note)
+        }
     }
 }
 
@@ -203,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_time_step_inside_counts_and_it_is_the_centre_that_enters() {
+    fn the_goal_is_reached_at_the_first_time_step_with_the_centre_inside() {
         let mut s = Story::clean();
         (s.goal().speed, s.goal().yaw) = (None, None);
         // at 8 m/s from x = 10 the centre passes x = 30.1 after 2.5125 s
@@ -212,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_region_crossed_between_two_time_steps_is_missed_as_the_referee_would() {
+    fn a_region_crossed_between_two_time_steps_is_missed() {
         let mut s = Story::clean();
         s.goal().speed = None;
         s.goal().position = region(&s, 10.4, 0.5);
@@ -232,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn any_of_the_lanelets_and_any_of_the_goals_will_do() {
+    fn one_of_the_lanelets_and_one_of_the_goals_suffices() {
         let mut s = Story::clean();
         s.goal().speed = None;
         s.goal().position = Some(GoalPosition::Lanelets(vec![4711, 2]));
@@ -257,28 +297,41 @@ mod tests {
     }
 
     #[test]
-    fn asked_part_by_part_the_watch_agrees_with_the_whole_log_whatever_the_rate_of_samples() {
+    fn the_watch_gives_the_same_result_part_by_part_at_every_sample_rate() {
         let whole = Story::clean();
         let watch = GoalWatch::new(&whole.scenario, &whole.scenario.problems[0]);
-        let asked = |samples: &[Sample]| {
-            let mut judged: usize = 0;
+        let reached_part_by_part = |samples: &[Sample]| {
+            let mut evaluated: usize = 0;
             samples.chunks(7).find_map(|part| {
-                let from = judged.saturating_sub(1);
-                judged += part.len();
-                let index = watch.reached_in(&whole.vehicle, &samples[from..judged], |_, _| true)?;
+                let from = evaluated.saturating_sub(1);
+                evaluated += part.len();
+                let index = watch.reached_in(&whole.vehicle, &samples[from..evaluated], |_, _| true)?;
                 Some(samples[from + index].time)
             })
         };
         for every in [1, 3, 7] {
-            // 3 and 7 hundredths of a second: hardly a sample lies on a time step
+            // at 0.03 s and 0.07 s few samples lie on a time step
             let samples: Vec<Sample> = whole.log.samples.iter().copied().step_by(every).collect();
             let log = Log { samples, ..whole.log.clone() };
             let expected = goal_reached_at(&whole.scenario, &whole.scenario.problems[0], &whole.vehicle, &log).unwrap();
-            let found = asked(&log.samples).unwrap();
+            let found = reached_part_by_part(&log.samples).unwrap();
             let spacing = 0.01 * every as f64;
             assert!((expected - 1e-9..expected + spacing).contains(&found), "{found} for {expected}");
         }
         assert_eq!(watch.reached_in(&whole.vehicle, &whole.log.samples, |_, _| false), None);
         assert_eq!(watch.deadline(), 30.0);
+    }
+
+    #[test]
+    fn waiting_helps_only_while_time_is_the_one_unmet_condition_and_the_window_opens_later() {
+        let mut s = Story::clean();
+        s.goal().time = Interval { min: 20.0, max: 30.0 };
+        let watch = GoalWatch::new(&s.scenario, &s.scenario.problems[0]);
+        let inside = s.place.pose(82.0, 0.0, 0.0);
+        assert!(watch.opens_later(&inside, 0.0, 15.0));
+        assert!(!watch.opens_later(&inside, 0.0, 20.0), "the window is open");
+        assert!(!watch.opens_later(&inside, 0.0, 31.0), "the window is closed");
+        assert!(!watch.opens_later(&inside, 1.0, 15.0), "too fast");
+        assert!(!watch.opens_later(&s.place.pose(60.0, 0.0, 0.0), 0.0, 15.0), "outside");
     }
 }

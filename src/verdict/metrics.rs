@@ -1,4 +1,4 @@
-//! Figures of a run that have no limit of their own: how far, how fast, how smooth, how near.
+//! Metrics of a run, without limits: distance, speed, smoothness, clearance.
 
 use serde::Serialize;
 
@@ -12,10 +12,10 @@ use crate::simulation::Log;
 use crate::trajectory::Trajectory;
 use crate::vehicle::Vehicle;
 
-/// Figures of a run. Accelerations and jerk are filtered as in the comfort checks.
+/// Metrics of a run. Accelerations and jerk are filtered as in the comfort checks.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Metrics {
-    /// Way driven by the rear axle, m.
+    /// Distance driven by the rear axle, m.
     pub distance_m: f64,
     /// Time driven, s.
     pub duration_s: f64,
@@ -29,22 +29,22 @@ pub struct Metrics {
     pub max_abs_lateral_acceleration_mps2: f64,
     /// Largest longitudinal jerk, m/s³.
     pub max_abs_jerk_mps3: f64,
-    /// Signed distance of the rest position from the planned stop, m, positive beyond it; none if it did not stop.
+    /// Signed distance of the final position from the planned stop, m, positive beyond it; `None` if it did not stop.
     pub stop_error_m: Option<f64>,
-    /// Smallest distance to any obstacle or occupied cell, m, 0 on contact; cells count up to 10 m away. None without
-    /// any.
+    /// Smallest distance to any obstacle or occupied cell, m, 0 on contact; `None` without any. Cells farther away than 10 m
+    /// are ignored.
     pub min_clearance_m: Option<f64>,
     /// Plan switches per minute of the run. A switch is a planning cycle whose path lies more than 0.5 m beside the path
-    /// committed one cycle before, at some point that both have ahead of the vehicle; a plan drawn out further, cut anew,
-    /// or driven at another speed is none. There and back are two.
+    /// committed one cycle before, at some point ahead of the vehicle that both paths reach. A longer path, or another speed
+    /// on the same path, is no switch. A switch and its reversal are two.
     pub plan_switches_per_minute: f64,
-    /// Cycles in which no new plan was found and the last one went on.
+    /// Cycles that kept the previous plan.
     pub kept_plans: usize,
-    /// Largest distance from the wanted pose, m.
+    /// Largest distance from the reference pose, m.
     pub max_tracking_error_m: f64,
-    /// Its part across the wanted heading, m.
+    /// Its lateral part, in the frame of the reference pose, m.
     pub max_lateral_tracking_error_m: f64,
-    /// Its part along the wanted heading, m.
+    /// Its longitudinal part, in the frame of the reference pose, m.
     pub max_longitudinal_tracking_error_m: f64,
 }
 
@@ -67,7 +67,7 @@ pub fn metrics(scenario: &Scenario, vehicle: &Vehicle, cycles: &[Cycle], log: &L
         max_abs_lateral_acceleration_mps2: largest(&mut filtered.moments.iter().map(|m| m.lateral_acceleration)),
         max_abs_jerk_mps3: largest(&mut filtered.moments.iter().map(|m| m.jerk)),
         stop_error_m: stops::stop_error(cycles, log, settings.standstill_speed).map(|(error, _)| error),
-        min_clearance_m: contact::clearance(scenario, vehicle, log),
+        min_clearance_m: contact::nearest(scenario, vehicle, &contact::places(log)).map(|n| n.gap.max(0.0)),
         plan_switches_per_minute: 60.0 * per(plan_switches(cycles) as f64, duration),
         kept_plans: cycles.iter().filter(|c| c.decision == Decision::KeepPrevious).count(),
         max_tracking_error_m: largest(&mut errors.iter().map(|e| e.0.hypot(e.1))),
@@ -76,14 +76,14 @@ pub fn metrics(scenario: &Scenario, vehicle: &Vehicle, cycles: &[Cycle], log: &L
     }
 }
 
-/// Cycles whose path leaves the one committed before.
+/// Cycles whose path departs from the path committed before.
 fn plan_switches(cycles: &[Cycle]) -> usize {
     cycles.windows(2).filter(|w| departs(&w[0].committed, &w[1].committed, w[1].time)).count()
 }
 
-/// Whether a new path lies more than half a metre beside the old one somewhere ahead, as far as both reach.
+/// Whether a new path lies more than half a metre beside the old one at some point ahead that both reach.
 fn departs(old: &Trajectory, new: &Trajectory, time: f64) -> bool {
-    /// A sideways difference that a passenger would call another plan, m.
+    /// Lateral difference that makes another plan, m.
     const SWITCH: f64 = 0.5;
     /// Spacing of the points compared, m.
     const SPACING: f64 = 1.0;
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_of_the_clean_run_are_those_of_the_closed_form() {
+    fn metrics_of_the_clean_run_match_the_closed_form() {
         let m = measured(&Story::clean());
         let close = |a: f64, b: f64| (a - b).abs() < 1e-6;
         assert!(close(m.distance_m, 72.0) && close(m.duration_s, DURATION), "{m:?}");
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_obstacles_has_no_clearance_and_one_without_samples_no_figures() {
+    fn clearance_needs_obstacles_and_metrics_need_samples() {
         let mut s = Story::clean();
         s.scenario.obstacles.clear();
         assert_eq!(measured(&s).min_clearance_m, None);
@@ -150,11 +150,11 @@ mod tests {
     }
 
     #[test]
-    fn occupied_cells_count_as_clearance_until_they_are_far() {
+    fn occupied_cells_within_ten_metres_count_as_clearance() {
         use crate::map::{Cell, OccupancyGrid};
         let place = super::super::testing::Place { origin: crate::geometry::Pose::new(5e5, 4e6, 0.6), mirrored: false };
         let mut s = Story::at(place);
-        // one cell of half a metre, its near side 12.3 m to 1.2 m beside the footprint's
+        // one cell of half a metre, 1.2 m to 12.3 m beside the footprint
         for (gap, beside_car, alone) in [(1.2, 1.2, Some(1.2)), (2.5, 1.795, Some(2.5)), (12.3, 1.795, None)] {
             let corner = place.pose(40.0, 0.5 * s.vehicle.width + gap, 0.0);
             s.scenario.occupancy = Some(OccupancyGrid::new(corner, 0.5, 1, 1, vec![Cell::Occupied]).unwrap());
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_path_that_goes_elsewhere_is_a_switch() {
+    fn only_a_path_beside_the_old_one_is_a_switch() {
         let mut s = Story::clean();
         let replan = |s: &Story, time: f64, y: f64| {
             let station = s.cycles[0].committed.at(time).station;
@@ -175,10 +175,10 @@ mod tests {
             c.committed.path = s.place.straight(station + 8.578, y, 72.0 - station);
             c
         };
-        // cut anew from further on, or a little aside: the same plan
+        // the remainder of the path, or a small offset: the same plan
         s.cycles = vec![s.cycles[0].clone(), replan(&s, 1.0, 0.0), replan(&s, 2.0, 0.3)];
         assert_eq!(plan_switches(&s.cycles), 0);
-        // aside by a metre and back
+        // a metre to the side and back
         s.cycles = vec![replan(&s, 1.0, 0.0), replan(&s, 1.1, 1.0), replan(&s, 1.2, 1.0), replan(&s, 1.3, 0.0)];
         assert_eq!(plan_switches(&s.cycles), 2);
         assert_eq!(measured(&s).plan_switches_per_minute, 8.0);

@@ -1,15 +1,15 @@
-//! Whose limits of comfort count: the vehicle's own, or published ones.
+//! Comfort limit presets: the limits of the vehicle or of a publication.
 //!
-//! A published limit is about what the vehicle does, so it holds without the margin that planned limits get. Where a
-//! publication is silent, the vehicle's own limit stays.
+//! A published limit applies to the driven motion, without the margin that planned limits get. Where a publication has no
+//! limit, the limit of the vehicle applies.
 //!
-//! - **SafeTLP**, Table 1, the default: the vehicle's `dynamics.toml`. Decelerations count up to the aggressive one.
-//! - **ISO 15622** (adaptive cruise control): −3.5 to +2.0 m/s², jerk 5 m/s³ up to 5 m/s and 2.5 m/s³ from 20 m/s on,
-//!   linear between. Silent about lateral motion. The standard averages deceleration over 2 s and jerk over 1 s; the
-//!   filter here averages over less (see [`zero_phase_low_pass`](super::zero_phase_low_pass)) and is the stricter judge.
-//!   Below 20 m/s the standard allows more acceleration; here the limit of high speed holds always.
+//! - **SafeTLP**, Table 1, the default: the vehicle's `dynamics.toml`. The limit for braking is the aggressive deceleration.
+//! - **ISO 15622** (adaptive cruise control): −3.5 to +2.0 m/s², jerk 5 m/s³ up to 5 m/s and 2.5 m/s³ from 20 m/s on, linear
+//!   between; no lateral limits. The standard averages deceleration over 2 s and jerk over 1 s. The filter here
+//!   ([`zero_phase_low_pass`](super::zero_phase_low_pass)) averages over less and is therefore stricter. Below 20 m/s the
+//!   standard allows more acceleration; here the limit for high speed applies at every speed.
 //! - **ISO 11270** (lane keeping assistance): 3 m/s² and 5 m/s³ lateral. The standard averages the jerk over 0.5 s.
-//! - **UN R157** (automated lane keeping): a deceleration of 4.0 m/s², which its minimum-risk manoeuvre aims not to exceed.
+//! - **UN R157** (automated lane keeping): a deceleration of 4.0 m/s², the limit that its minimum-risk manoeuvre aims for.
 
 use std::str::FromStr;
 
@@ -17,11 +17,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::vehicle::Comfort;
 
-/// Whose limits of comfort count.
+/// Comfort limit preset.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ComfortPreset {
-    /// The vehicle's own, those of Table 1 of the SafeTLP paper for the vehicles built in.
+    /// The limits of the vehicle; those of Table 1 of the SafeTLP paper for the bundled vehicles.
     #[default]
     Safetlp,
     /// ISO 15622, adaptive cruise control.
@@ -32,7 +32,7 @@ pub enum ComfortPreset {
     R157,
 }
 
-/// Limits of comfort; all of them positive.
+/// Comfort limits; all are positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ComfortLimits {
     /// Largest acceleration, m/s².
@@ -43,8 +43,18 @@ pub struct ComfortLimits {
     pub lateral_acceleration: f64,
     /// Largest longitudinal jerk at 20 m/s and above, m/s³; twice that up to 5 m/s, linear between.
     pub jerk: f64,
-    /// Largest lateral jerk, m/s³, if there is a limit.
+    /// Largest lateral jerk, m/s³; `None` if there is no limit.
     pub lateral_jerk: Option<f64>,
+}
+
+/// A quantity with a comfort limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Quantity {
+    Acceleration,
+    Deceleration,
+    LateralAcceleration,
+    Jerk,
+    LateralJerk,
 }
 
 impl ComfortPreset {
@@ -62,22 +72,35 @@ impl ComfortPreset {
         }
     }
 
-    /// The limits for a vehicle. `margin` is the share that is added to limits that were planned for, not to published ones.
+    /// Where the limit of a quantity comes from, in words.
+    pub(super) fn source(self, quantity: Quantity) -> String {
+        use Quantity::{Acceleration, Deceleration, Jerk, LateralAcceleration, LateralJerk};
+        let has_limit = match self {
+            Self::Safetlp => true,
+            Self::Iso15622 => matches!(quantity, Acceleration | Deceleration | Jerk),
+            Self::Iso11270 => matches!(quantity, LateralAcceleration | LateralJerk),
+            Self::R157 => quantity == Deceleration,
+        };
+        let preset = format!("comfort preset {}", self.name());
+        if has_limit { preset } else { format!("limit of the vehicle; {preset} has none") }
+    }
+
+    /// The limits for a vehicle. `margin` is the share added to the limits of the vehicle; published limits have no margin.
     #[must_use]
     pub fn limits(self, comfort: &Comfort, margin: f64) -> ComfortLimits {
-        let allowed = 1.0 + margin;
-        let own = ComfortLimits {
-            acceleration: allowed * comfort.acceleration,
-            deceleration: allowed * comfort.aggressive_deceleration,
-            lateral_acceleration: allowed * comfort.lateral_acceleration,
-            jerk: allowed * comfort.jerk,
+        let factor = 1.0 + margin;
+        let of_vehicle = ComfortLimits {
+            acceleration: factor * comfort.acceleration,
+            deceleration: factor * comfort.aggressive_deceleration,
+            lateral_acceleration: factor * comfort.lateral_acceleration,
+            jerk: factor * comfort.jerk,
             lateral_jerk: None,
         };
         match self {
-            Self::Safetlp => own,
-            Self::Iso15622 => ComfortLimits { acceleration: 2.0, deceleration: 3.5, jerk: 2.5, ..own },
-            Self::Iso11270 => ComfortLimits { lateral_acceleration: 3.0, lateral_jerk: Some(5.0), ..own },
-            Self::R157 => ComfortLimits { deceleration: 4.0, ..own },
+            Self::Safetlp => of_vehicle,
+            Self::Iso15622 => ComfortLimits { acceleration: 2.0, deceleration: 3.5, jerk: 2.5, ..of_vehicle },
+            Self::Iso11270 => ComfortLimits { lateral_acceleration: 3.0, lateral_jerk: Some(5.0), ..of_vehicle },
+            Self::R157 => ComfortLimits { deceleration: 4.0, ..of_vehicle },
         }
     }
 }
@@ -112,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn published_limits_have_no_margin_and_what_they_leave_open_is_the_vehicles() {
+    fn published_limits_have_no_margin_and_the_vehicle_sets_the_others() {
         let comfort = Comfort {
             acceleration: 1.0,
             deceleration: 1.5,

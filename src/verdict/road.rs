@@ -1,4 +1,4 @@
-//! `stays_on_road`: the whole outline of every driven footprint, within the union of the lanelets.
+//! `stays_on_road`: the outline of every driven footprint lies within the union of the drivable lanelets.
 
 use super::shapes::{Bounds, contains, distance_to_outline, footprint_at};
 use super::{Check, Settings, Status};
@@ -7,11 +7,10 @@ use crate::map::RoadNetwork;
 use crate::simulation::Log;
 use crate::vehicle::Vehicle;
 
-/// Spacing of the points tested on the footprint's outline, m: half the narrowest notch of a road border that is
-/// worth seeing.
+/// Spacing of the tested points on the footprint's outline, m. A notch in the road border narrower than this can be missed.
 const OUTLINE_SPACING: f64 = 0.5;
 
-/// How far around the footprint lanelets are looked at first, m. Excursions beyond it are measured against all.
+/// Lanelets within this distance of the footprint are tested first, m. A larger excursion is measured against all lanelets.
 const NEARBY: f64 = 2.0;
 
 struct Area {
@@ -24,6 +23,15 @@ pub(super) struct Road {
     areas: Vec<Area>,
 }
 
+/// The point of a footprint that lies farthest off the road.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Excursion {
+    /// Distance of the point from the road, m; 0 if the whole outline is on the road.
+    pub(super) depth: f64,
+    /// The point, in world coordinates; `None` if the whole outline is on the road.
+    pub(super) at: Option<Point>,
+}
+
 impl Road {
     pub(super) fn new(network: &RoadNetwork) -> Self {
         let drivable = network.lanelets.values().filter(|l| l.is_drivable());
@@ -31,59 +39,71 @@ impl Road {
         Self { areas: drivable.map(|l| area(l.outline())).collect() }
     }
 
-    /// The largest distance of any point of the footprint's outline from the road, m, with the vehicle's rear axle there.
-    pub(super) fn excursion(&self, vehicle: &Vehicle, rear_axle: &Pose) -> f64 {
-        excursion(&self.areas, &footprint_at(vehicle, rear_axle))
+    /// The largest distance of any point of the footprint's outline from the road, with the rear axle at a pose.
+    pub(super) fn excursion(&self, vehicle: &Vehicle, rear_axle: &Pose) -> Excursion {
+        let parts = footprint_at(vehicle, rear_axle);
+        let on_road = Excursion { depth: 0.0, at: None };
+        parts.iter().map(|part| self.excursion_of(part)).fold(on_road, deeper)
     }
+
+    fn excursion_of(&self, part: &[Point]) -> Excursion {
+        let around = Bounds::of(part);
+        let nearby: Vec<&Area> = self.areas.iter().filter(|a| a.bounds.near(&around, NEARBY)).collect();
+        outline_points(part)
+            .filter(|p| !nearby.iter().any(|a| contains(&a.outline, *p)))
+            .map(|p| {
+                let to = |area: &&Area| distance_to_outline(&area.outline, p);
+                let near = nearby.iter().map(to).fold(f64::INFINITY, f64::min);
+                let all = || self.areas.iter().map(|a| to(&a)).fold(f64::INFINITY, f64::min);
+                // `nearby` contains every lanelet within NEARBY of the point
+                Excursion { depth: if near <= NEARBY { near } else { all() }, at: Some(p) }
+            })
+            .fold(Excursion { depth: 0.0, at: None }, deeper)
+    }
+}
+
+fn deeper(a: Excursion, b: Excursion) -> Excursion {
+    if b.depth > a.depth { b } else { a }
 }
 
 /// The check: the largest distance of any point of the footprint's outline from the drivable lanelets.
 pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Check {
     let road = Road::new(network);
-    let mut worst = (0.0, None);
+    let limit = settings.road_tolerance;
     let mut at_start = 0.0;
+    let mut worst = (Excursion { depth: 0.0, at: None }, 0.0);
     for (i, sample) in log.samples.iter().enumerate() {
         let excursion = road.excursion(vehicle, &sample.pose);
         if i == 0 {
-            at_start = excursion;
+            at_start = excursion.depth;
         }
-        if excursion > worst.0 {
-            worst = (excursion, Some(sample.time));
+        if excursion.depth > worst.0.depth {
+            worst = (excursion, sample.time);
         }
     }
-    let mut note =
-        format!("footprint's outline every {OUTLINE_SPACING} m against the union of {} lanelets", road.areas.len());
-    if at_start > settings.road_tolerance {
-        note += &format!("; the start itself is {at_start:.2} m off the road");
+    let (Excursion { depth, at }, time) = worst;
+    let passes = depth <= limit;
+    let verb = if passes { "stayed on the road: at most" } else { "left the road by" };
+    let mut note = match at {
+        None => "stayed on the road".to_owned(),
+        Some(p) => format!("{verb} {depth:.2} m at {time:.2} s at ({:.1}, {:.1}); limit {limit:.2} m", p.x, p.y),
+    };
+    if at_start > limit {
+        note += &format!("; the start is {at_start:.2} m off the road");
     }
     Check {
         name: "stays_on_road",
-        status: Status::of(worst.0 <= settings.road_tolerance),
-        value: worst.0,
-        limit: settings.road_tolerance,
+        status: Status::of(passes),
+        value: depth,
+        limit,
         unit: "m",
-        at_time: worst.1,
+        at_time: at.map(|_| time),
         note,
+        method: format!(
+            "points every {OUTLINE_SPACING} m on the footprint's outline against the union of {} drivable lanelets",
+            road.areas.len()
+        ),
     }
-}
-
-/// The largest distance of a point on the footprint's outline from the union of the areas, m.
-fn excursion(areas: &[Area], footprint: &[Vec<Point>]) -> f64 {
-    footprint.iter().map(|part| excursion_of(areas, part)).fold(0.0, f64::max)
-}
-
-fn excursion_of(areas: &[Area], part: &[Point]) -> f64 {
-    let around = Bounds::of(part);
-    let nearby: Vec<&Area> = areas.iter().filter(|a| a.bounds.near(&around, NEARBY)).collect();
-    outline_points(part)
-        .filter(|p| !nearby.iter().any(|a| contains(&a.outline, *p)))
-        .map(|p| {
-            let to = |area: &&Area| distance_to_outline(&area.outline, p);
-            let near = nearby.iter().map(to).fold(f64::INFINITY, f64::min);
-            // what lies within NEARBY of the point was among `nearby`
-            if near <= NEARBY { near } else { areas.iter().map(|a| to(&a)).fold(f64::INFINITY, f64::min) }
-        })
-        .fold(0.0, f64::max)
 }
 
 fn outline_points(corners: &[Point]) -> impl Iterator<Item = Point> + '_ {

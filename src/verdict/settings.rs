@@ -1,4 +1,4 @@
-//! What a run is asked for, the tolerances of the checks, and how much of the judge's work is done.
+//! What a run is asked for, the tolerances of the checks, and which fallbacks are simulated.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,32 +8,32 @@ use super::{ComfortPreset, Expectation};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Whether to ask for the goal or for a safe stop. Not for a file: the outcome of the run decides it.
+    /// Goal or safe stop. Not in a file: the outcome of the run decides.
     #[serde(skip)]
     pub expect: Expectation,
-    /// Overlap with an obstacle that still counts as none, m. A millimetre: what the physics engine lets bodies sink
-    /// into each other before it reports, and far above rounding.
+    /// Largest overlap with an obstacle that is no contact, m. A millimetre: the physics engine reports deeper overlaps, and
+    /// rounding is far smaller.
     pub contact_tolerance: f64,
-    /// Excursion beyond the lanelets that still counts as on the road, m. Neighbouring lanelets of real maps leave
-    /// gaps of centimetres between their bounds, and a polyline cuts its curve's corner by as much.
+    /// Largest excursion beyond the lanelets that is still on the road, m. Neighbouring lanelets of real maps have gaps of
+    /// centimetres between their bounds, and polylines deviate from their curves by as much.
     pub road_tolerance: f64,
-    /// Largest distance of a rest position before the planned one, m.
+    /// Largest distance of the final position before the planned stop, m.
     pub stop_short: f64,
-    /// Largest distance of a rest position beyond the planned one, m.
+    /// Largest distance of the final position beyond the planned stop, m.
     pub stop_past: f64,
-    /// Speed below which the vehicle counts as at rest, m/s. Brakes that hold leave less.
+    /// Largest speed at standstill, m/s.
     pub standstill_speed: f64,
-    /// Largest lateral distance from the wanted pose, m.
+    /// Largest lateral distance from the reference pose, m.
     pub tracking: f64,
-    /// Whose limits of comfort count.
+    /// Comfort limit preset.
     pub comfort: ComfortPreset,
-    /// Share by which the driven extremes may exceed the planned limits, where the limits are the vehicle's own: the
-    /// tracking controller's part.
+    /// Share by which the driven motion may exceed the limits of the vehicle, which the planner uses: the part of the tracking
+    /// controller.
     pub comfort_margin: f64,
     /// Frequency at which the comfort filter passes 1/√2 of the amplitude, Hz. See
     /// [`zero_phase_low_pass`](super::zero_phase_low_pass).
     pub comfort_cutoff: f64,
-    /// Which fallbacks are driven to rest.
+    /// Which fallbacks are simulated.
     pub fallbacks: FallbackSettings,
 }
 
@@ -55,17 +55,18 @@ impl Default for Settings {
     }
 }
 
-/// Which fallbacks are driven to rest in forked worlds. In a settings file: the table `[verdict.fallbacks]`.
+/// Which fallbacks are simulated to standstill, in branches of the simulation. In a settings file: the table
+/// `[verdict.fallbacks]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FallbackSettings {
-    /// Whether any is. If not, there is no check `fallback_stops`.
+    /// Whether any is simulated. If not, the check `fallback_stops` does not apply.
     pub enabled: bool,
     /// Time between two regular samples, s.
     pub interval: f64,
-    /// How many changes of the plan are sampled beyond those, in a run.
+    /// Changes of the plan sampled beyond those, at most, in a run.
     pub changes: usize,
-    /// How long a vehicle at rest is held against what still moves, s.
+    /// How long a stopped vehicle is checked against moving obstacles, s.
     pub hold: f64,
 }
 
@@ -83,7 +84,7 @@ pub struct SettingsError {
     pub name: &'static str,
     /// Its value.
     pub value: f64,
-    /// What it should be.
+    /// Its range.
     pub expected: &'static str,
 }
 
@@ -94,7 +95,7 @@ impl Settings {
         Self { expect, ..Self::default() }
     }
 
-    /// Checks every value's range. The upper ends are where a check would say nothing any more.
+    /// Checks the range of every value. Beyond the upper end a check would be meaningless.
     ///
     /// # Errors
     /// The first setting out of its range.
@@ -125,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn defaults_are_valid_and_each_wrong_value_is_named() {
+    fn defaults_are_valid_and_errors_name_the_setting() {
         assert_eq!(Settings::default().validate(), Ok(()));
         for (text, name) in [
             ("contact_tolerance = -0.001", "contact_tolerance"),
@@ -146,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_expected_of_a_run_is_not_for_a_file_and_unknown_keys_are_refused() {
+    fn refuses_unknown_keys_and_the_expectation() {
         for text in ["expect = \"Stop\"", "comfrt = \"safetlp\"", "comfort = \"iso\"", "[fallbacks]\nevery = 1.0"] {
             assert!(toml::from_str::<Settings>(text).is_err(), "{text}");
         }

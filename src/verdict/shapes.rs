@@ -1,4 +1,4 @@
-//! The judge's own geometry of convex polygons and circles: slow, simple, exact up to rounding.
+//! Geometry of convex polygons and circles for the verdict alone: slow, simple, exact up to rounding.
 
 use crate::geometry::{Point, Pose, Vector, cross};
 use crate::map::ConvexPart;
@@ -10,8 +10,8 @@ pub(super) fn footprint_at(vehicle: &Vehicle, rear_axle: &Pose) -> Vec<Vec<Point
     vehicle.footprint.parts().iter().map(part).collect()
 }
 
-/// The gap between a counter-clockwise convex polygon and a convex piece, m: their distance when they are apart, minus
-/// the depth of their overlap otherwise (the least translation that parts them).
+/// The gap between a counter-clockwise convex polygon and a convex part, m: their distance if they are apart, otherwise minus
+/// the depth of their overlap (the least translation that separates them).
 pub(super) fn gap(polygon: &[Point], part: &ConvexPart) -> f64 {
     match part {
         ConvexPart::Polygon(other) => {
@@ -26,8 +26,8 @@ pub(super) fn gap(polygon: &[Point], part: &ConvexPart) -> f64 {
     }
 }
 
-/// Separating-axis theorem, for the axes of one polygon: the largest distance by which all of `other` lies outside one
-/// of the edges of `polygon`; negative when it lies outside none.
+/// Separating-axis theorem, for the axes of one polygon: the largest distance by which all of `other` lies outside one of the
+/// edges of `polygon`; negative if it lies outside no edge.
 fn largest_separation(polygon: &[Point], other: &[Point]) -> f64 {
     edges(polygon).filter_map(|(a, b)| (b - a).try_normalize(SHORTEST_EDGE).map(|along| (a, along))).fold(
         f64::NEG_INFINITY,
@@ -39,14 +39,14 @@ fn largest_separation(polygon: &[Point], other: &[Point]) -> f64 {
     )
 }
 
-/// Edges shorter than this (m) have no direction worth testing.
+/// Edges shorter than this (m) have no usable direction.
 const SHORTEST_EDGE: f64 = 1e-9;
 
-/// Distance between the outlines of two polygons that are apart: one of the two nearest points is a vertex.
+/// Distance between the outlines of two separate polygons: one of the two nearest points is a vertex.
 fn outline_distance(a: &[Point], b: &[Point]) -> f64 {
-    let one_way =
+    let from_vertices =
         |from: &[Point], to: &[Point]| from.iter().map(|p| distance_to_outline(to, *p)).fold(f64::INFINITY, f64::min);
-    one_way(a, b).min(one_way(b, a))
+    from_vertices(a, b).min(from_vertices(b, a))
 }
 
 /// Distance from a point to a polygon's outline, m.
@@ -76,7 +76,7 @@ fn edges(polygon: &[Point]) -> impl Iterator<Item = (Point, Point)> + '_ {
     polygon.iter().copied().zip(polygon.iter().copied().cycle().skip(1))
 }
 
-/// An axis-aligned box: the prefilter of everything slow.
+/// An axis-aligned box, to skip distant shapes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     min: Point,
@@ -84,7 +84,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// The box around points; contains nothing when there are none.
+    /// The box around points; it is empty without points.
     pub(super) fn of(points: &[Point]) -> Self {
         let empty = Self {
             min: Point::new(f64::INFINITY, f64::INFINITY),
@@ -93,7 +93,7 @@ impl Bounds {
         points.iter().fold(empty, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) })
     }
 
-    /// Whether two boxes are nowhere further apart than `margin` metres along an axis.
+    /// Whether two boxes are at most `margin` metres apart along each axis.
     pub(super) fn near(&self, other: &Self, margin: f64) -> bool {
         self.min.x <= other.max.x + margin
             && other.min.x <= self.max.x + margin
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn crossing_bars_overlap_though_no_corner_lies_inside_the_other() {
+    fn crossing_bars_overlap_without_a_corner_inside_the_other() {
         let bar = [Point::new(-5.0, -0.1), Point::new(5.0, -0.1), Point::new(5.0, 0.1), Point::new(-5.0, 0.1)];
         let upright = turned(&bar, std::f64::consts::FRAC_PI_2, 0.0, 0.0);
         assert!(gap(&bar, &ConvexPart::Polygon(upright)) < 0.0);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     proptest! {
-        /// The slow way: the smallest distance between points sampled on both outlines.
+        /// The reference: the smallest distance between points sampled on both outlines.
         #[test]
         fn gap_agrees_with_dense_sampling(x in -6.0..6.0f64, y in -6.0..6.0f64, yaw in -3.2..3.2f64, l in 0.2..3.0f64, w in 0.2..3.0f64) {
             let a = square(0.0, 0.0, 1.0);

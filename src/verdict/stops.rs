@@ -1,4 +1,4 @@
-//! `stops`: at rest where the plan said. `stop_proven`: every cycle committed to a trajectory that ends at rest.
+//! `stops`: the run stopped where the plan said. `stop_proven`: every cycle committed to a trajectory that ends at standstill.
 
 use super::{Check, Expectation, Settings, Status};
 use crate::geometry::Point;
@@ -6,103 +6,141 @@ use crate::planner::{Cycle, Decision};
 use crate::simulation::Log;
 use crate::trajectory::Trajectory;
 
-/// A trajectory with less than this left to drive (m) says nothing about where the stop was meant to be.
+/// A trajectory with less than this left to drive (m) does not say where the stop was planned.
 const STOPPED_ALREADY: f64 = 0.01;
 
-/// Speed below which a planned vehicle is at rest, m/s: rounding of a profile's last knot.
-const PLANNED_REST: f64 = 1e-3;
+/// A planned speed below this is standstill, m/s: the last knot of a profile is rounded.
+const PLANNED_STANDSTILL: f64 = 1e-3;
 
-/// How long after its planned stop a vehicle may still roll before it counts as not stopping, s.
+/// Time after the planned stop by which the vehicle must have stopped, s.
 const SETTLING: f64 = 1.0;
 
-/// Signed stop error of a run that ended at rest, m, positive beyond the planned stop; with the time of coming to rest.
+/// Signed stop error of a run that ended at standstill, m, positive beyond the planned stop; with the begin of the standstill,
+/// s.
 ///
-/// The planned stop is the next standstill of the last trajectory that still had a way to go when it was committed,
-/// before the vehicle came to rest: a plan made at rest starts where the vehicle stands and would hide the error.
-/// `None` if it did not end at rest, never moved, or no such trajectory exists.
+/// The planned stop is the next standstill of the last trajectory that was committed before the vehicle stopped and still had
+/// a distance to drive. A plan made at standstill starts at the vehicle and would hide the error. `None` if the run ended
+/// moving, the vehicle never moved, or there is no such trajectory.
 pub(super) fn stop_error(cycles: &[Cycle], log: &Log, standstill_speed: f64) -> Option<(f64, f64)> {
-    let (rest_from, position) = final_rest(log, standstill_speed)?;
-    let (trajectory, station) = cycles.iter().rev().filter(|c| c.time <= rest_from).find_map(|c| {
+    let (since, position) = final_standstill(log, standstill_speed)?;
+    let (trajectory, station) = cycles.iter().rev().filter(|c| c.time <= since).find_map(|c| {
         Some((&c.committed, next_stop(&c.committed, c.time).filter(|s| s.ahead > STOPPED_ALREADY)?.station))
     })?;
     let planned = trajectory.path.at(station).pose;
-    Some((planned.to_local(position).x, rest_from))
+    Some((planned.to_local(position).x, since))
 }
 
-/// Start of the final standstill and the position of rest; `None` if the run ended moving or never moved.
-fn final_rest(log: &Log, standstill_speed: f64) -> Option<(f64, Point)> {
+/// Begin (s) and position of the final standstill; `None` if the run ended moving or the vehicle never moved.
+fn final_standstill(log: &Log, standstill_speed: f64) -> Option<(f64, Point)> {
     let last = log.samples.last()?;
     let last_moving = log.samples.iter().rposition(|s| s.speed.abs() > standstill_speed)?;
-    let rest = log.samples.get(last_moving + 1)?;
-    Some((rest.time, last.pose.position))
+    let first_stopped = log.samples.get(last_moving + 1)?;
+    Some((first_stopped.time, last.pose.position))
 }
 
-/// Where a trajectory comes to rest next.
+/// The next standstill of a trajectory.
 struct NextStop {
     station: f64,
     /// Distance to it, m.
     ahead: f64,
 }
 
-/// The first standstill of a trajectory that lies ahead of where it is at `time`; its end, if it has no other.
+/// The first standstill of a trajectory ahead of its point at `time`; its end if there is no other.
 fn next_stop(trajectory: &Trajectory, time: f64) -> Option<NextStop> {
     let profile = &trajectory.profile;
     let now = profile.at(time - trajectory.start_time);
     let ahead = |k: &&crate::trajectory::SpeedKnot| k.time > now.time && k.station > now.station + STOPPED_ALREADY;
-    let knot = profile.knots().iter().filter(ahead).find(|k| k.speed <= PLANNED_REST).or(profile.knots().last())?;
+    let knot =
+        profile.knots().iter().filter(ahead).find(|k| k.speed <= PLANNED_STANDSTILL).or(profile.knots().last())?;
     Some(NextStop { station: knot.station, ahead: knot.station - now.station })
 }
 
-/// The check; `None` when the run had no stop to make.
-pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Option<Check> {
-    let last = log.samples.last()?;
-    let check = |pass, value, limit, unit, at_time, note| {
-        Some(Check { name: "stops", status: Status::of(pass), value, limit, unit, at_time: Some(at_time), note })
-    };
+const NAME: &str = "stops";
+
+/// The check. It does not apply to a run that had no stop to make.
+pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Check {
+    let Some(last) = log.samples.last() else { return Check::not_applicable(NAME, "m", "the log is empty") };
     if last.speed.abs() > settings.standstill_speed {
         let planned =
             cycles.last().filter(|c| c.committed.profile.ends_at_standstill()).map(|c| c.committed.end_time());
-        let overdue = planned.is_some_and(|t| last.time > t + SETTLING);
-        let note = format!("still moving at the end of the run, {:.1} s", last.time);
-        let due = settings.expect == Expectation::Stop || overdue;
-        return if due {
-            check(false, last.speed.abs(), settings.standstill_speed, "m/s", last.time, note)
-        } else {
-            None
-        };
+        return ended_moving(last.speed.abs(), last.time, planned, settings);
     }
+    let asked = settings.expect == Expectation::Stop;
     match stop_error(cycles, log, settings.standstill_speed) {
         Some((error, time)) => {
-            let limit = if error > 0.0 { settings.stop_past } else { settings.stop_short };
-            let side = if error > 0.0 { "beyond" } else { "before" };
-            let note =
-                format!("at rest {:.3} m {side} the planned stop (signed stop error {error:+.3} m)", error.abs());
-            check(error.abs() <= limit, error.abs(), limit, "m", time, note)
+            let (limit, side) =
+                if error > 0.0 { (settings.stop_past, "beyond") } else { (settings.stop_short, "before") };
+            Check {
+                name: NAME,
+                status: Status::of(error.abs() <= limit),
+                value: error.abs(),
+                limit,
+                unit: "m",
+                at_time: Some(time),
+                note: format!(
+                    "stopped {:.2} m {side} the planned stop at {time:.2} s; limit {limit:.2} m",
+                    error.abs()
+                ),
+                method: "distance of the rear axle from the planned stop along the planned heading".into(),
+            }
         }
-        None if settings.expect == Expectation::Stop => {
-            let note = "at rest; it never moved, or no trajectory with a stop ahead was committed before".into();
-            check(true, last.speed.abs(), settings.standstill_speed, "m/s", last.time, note)
-        }
-        None => None,
+        None if asked => Check {
+            name: NAME,
+            status: Status::Pass,
+            value: last.speed.abs(),
+            limit: settings.standstill_speed,
+            unit: "m/s",
+            at_time: Some(last.time),
+            note: "stood still; no committed trajectory had a stop ahead".into(),
+            method: "speed at the end of the run".into(),
+        },
+        None => Check::not_applicable(NAME, "m", "no committed trajectory had a stop ahead"),
     }
 }
 
-/// The check: the share of cycles whose committed trajectory is proven and does end at rest.
+/// The check for a run that ended moving: it fails if a stop was asked for or is overdue. `planned` is the time of the planned
+/// stop, s.
+fn ended_moving(speed: f64, time: f64, planned: Option<f64>, settings: &Settings) -> Check {
+    let overdue = planned.filter(|stop| time > stop + SETTLING);
+    if settings.expect != Expectation::Stop && overdue.is_none() {
+        return Check::not_applicable(NAME, "m", "the run ended moving, before the planned stop was due");
+    }
+    let late = overdue.map_or_else(String::new, |stop| format!(", {:.1} s after the planned stop", time - stop));
+    Check {
+        name: NAME,
+        status: Status::Fail,
+        value: speed,
+        limit: settings.standstill_speed,
+        unit: "m/s",
+        at_time: Some(time),
+        note: format!(
+            "still moved at {speed:.2} m/s at the end of the run, {time:.2} s{late}; limit {:.2} m/s",
+            settings.standstill_speed
+        ),
+        method: "speed at the end of the run".into(),
+    }
+}
+
+/// The check: the share of cycles whose committed trajectory is proven and ends at standstill.
 pub(super) fn stop_proven(cycles: &[Cycle]) -> Check {
     let unproven = |c: &&Cycle| c.decision == Decision::Unproven || !c.committed.profile.ends_at_standstill();
-    let bad = cycles.iter().filter(unproven).count();
+    let (all, bad) = (cycles.len(), cycles.iter().filter(unproven).count());
     let kept = cycles.iter().filter(|c| c.decision == Decision::KeepPrevious).count();
-    let share = if cycles.is_empty() { 0.0 } else { (cycles.len() - bad) as f64 / cycles.len() as f64 };
+    let first = cycles.iter().find(unproven).map(|c| c.time);
     Check {
         name: "stop_proven",
-        status: Status::of(bad == 0 && !cycles.is_empty()),
-        value: share,
+        status: Status::of(bad == 0 && all > 0),
+        value: if all == 0 { 0.0 } else { (all - bad) as f64 / all as f64 },
         limit: 1.0,
         unit: "share",
-        at_time: cycles.iter().find(unproven).map(|c| c.time),
-        note: format!(
-            "{} cycles, {bad} without a proven stop, {kept} went on along the last proven plan",
-            cycles.len()
-        ),
+        at_time: first,
+        note: match first {
+            _ if all == 0 => "no planning cycle ran".into(),
+            Some(time) => {
+                format!("{bad} of {all} cycles committed to no proven stop, the first at {time:.2} s; limit 0")
+            }
+            None => format!("all {all} cycles committed to a proven stop; {kept} kept the previous plan"),
+        },
+        method: "share of cycles whose decision claims a proof and whose trajectory ends at standstill".into(),
     }
 }

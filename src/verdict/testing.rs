@@ -1,7 +1,7 @@
-//! A synthetic run for the tests: clean, so that each test can break one thing in it.
+//! A synthetic run without faults for the tests. Each test introduces one fault.
 //!
 //! A straight lane of 3.5 m; the vehicle's centre starts at x = 10 m with 8 m/s, brakes from 5 s on with a raised cosine
-//! (mean 1 m/s², peak 2 m/s², jerk 0.79 m/s³), rests at x = 82 m from 13 s on, in the goal, until 15 s. A car is parked
+//! (mean 1 m/s², peak 2 m/s², jerk 0.79 m/s³) and stands in the goal at x = 82 m from 13 s to 15 s. A car is parked
 //! beside the lane at (60, 3.5) and another drives 40 m ahead.
 
 use std::f64::consts::{PI, TAU};
@@ -20,7 +20,7 @@ use crate::vehicle::{Comfort, Footprint, Vehicle};
 
 pub(super) use crate::fixtures::cycle;
 
-/// Where in the world the run takes place, and whether it is seen in a mirror.
+/// Where the run takes place in the world, and whether it is mirrored.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Place {
     pub(super) origin: Pose,
@@ -69,7 +69,7 @@ impl Place {
     }
 }
 
-/// Everything the judge reads.
+/// Everything that the verdict reads.
 #[derive(Debug, Clone)]
 pub(super) struct Story {
     pub(super) place: Place,
@@ -80,7 +80,7 @@ pub(super) struct Story {
     pub(super) settings: Settings,
 }
 
-pub(super) const REST_FROM: f64 = 13.0;
+pub(super) const STOPPED_FROM: f64 = 13.0;
 pub(super) const DURATION: f64 = 15.0;
 
 impl Story {
@@ -108,8 +108,8 @@ impl Story {
         let samples = (0..=1500)
             .map(|i| {
                 let time = 0.01 * f64::from(i);
-                let (way, speed, acceleration) = raised_cosine_stop(time);
-                sample(time, place.pose(rear + way, 0.0, 0.0), speed, acceleration)
+                let (station, speed, acceleration) = raised_cosine_stop(time);
+                sample(time, place.pose(rear + station, 0.0, 0.0), speed, acceleration)
             })
             .collect();
         let log = Log { samples, contact: None, broke_at: None };
@@ -124,7 +124,7 @@ impl Story {
         &mut self.problem().goals[0]
     }
 
-    /// Moves every driven and wanted pose by a function of its sample.
+    /// Moves every driven pose and its reference pose by a function (ahead, left) of the sample, m.
     pub(super) fn displace(&mut self, by: impl Fn(&Sample) -> (f64, f64)) {
         for s in &mut self.log.samples {
             let (ahead, left) = by(s);
@@ -145,16 +145,16 @@ impl Story {
     }
 }
 
-/// (way, speed, acceleration) of the run at a time.
+/// (station, speed, acceleration) of the run at a time.
 fn raised_cosine_stop(time: f64) -> (f64, f64, f64) {
     let t = (time - 5.0).clamp(0.0, 8.0);
     // a = −(1 − cos(2πt/8)), integrated twice
     let w = TAU / 8.0;
-    let way = 8.0 * time.min(5.0) + 8.0 * t - 0.5 * t * t - ((w * t).cos() - 1.0) / (w * w);
-    (way, 8.0 - t + (w * t).sin() / w, (w * t).cos() - 1.0)
+    let station = 8.0 * time.min(5.0) + 8.0 * t - 0.5 * t * t - ((w * t).cos() - 1.0) / (w * w);
+    (station, 8.0 - t + (w * t).sin() / w, (w * t).cos() - 1.0)
 }
 
-/// 8 m/s for 5 s, then 1 m/s² to rest: the same times and stations as the raised cosine has at its ends.
+/// 8 m/s for 5 s, then 1 m/s² to standstill: the times and stations of the raised cosine at its ends.
 fn braking_profile() -> SpeedProfile {
     SpeedProfile::new(vec![knot(0.0, 0.0, 8.0, 0.0), knot(5.0, 40.0, 8.0, -1.0), knot(13.0, 72.0, 0.0, 0.0)]).unwrap()
 }
@@ -183,7 +183,7 @@ pub(super) fn bump(time: f64, from: f64, length: f64, height: f64) -> f64 {
     if (0.0..=1.0).contains(&u) { 0.5 * height * (1.0 - (2.0 * PI * u).cos()) } else { 0.0 }
 }
 
-/// A car with other limits of comfort.
+/// A car with the comfort limits of the SafeTLP paper.
 fn car() -> Vehicle {
     let comfort = Comfort {
         acceleration: 1.5,

@@ -1,30 +1,32 @@
-//! `tracking`: how far the vehicle is from where its trajectory wants it.
+//! `tracking`: the lateral error of the tracking controller.
 
 use super::{Check, Settings, Status};
 use crate::simulation::{Log, Sample};
 
-/// Offset of the driven pose from the wanted one, in the wanted pose's frame: (ahead, left), m.
+/// Position of the rear axle in the frame of the reference pose: (ahead, left), m.
 pub(super) fn tracking_error(sample: &Sample) -> (f64, f64) {
     let error = sample.reference_pose.to_local(sample.pose.position);
     (error.x, error.y)
 }
 
-/// The check: the largest lateral offset. Being early or late is for `stops` and the metrics.
+/// The check: the largest lateral error. `stops` and the metrics cover the longitudinal error.
 pub(super) fn tracking(log: &Log, settings: &Settings) -> Check {
-    let worst = log
-        .samples
-        .iter()
-        .map(|s| (tracking_error(s).1, s.time))
-        .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
-        .unwrap_or((0.0, 0.0));
-    let side = if worst.0 > 0.0 { "left" } else { "right" };
+    let errors = log.samples.iter().map(|s| (tracking_error(s).1, s.time));
+    let (error, time) = errors.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or((0.0, 0.0));
+    let side = if error > 0.0 { "left" } else { "right" };
+    let limit = settings.tracking;
     Check {
         name: "tracking",
-        status: Status::of(worst.0.abs() <= settings.tracking),
-        value: worst.0.abs(),
-        limit: settings.tracking,
+        status: Status::of(error.abs() <= limit),
+        value: error.abs(),
+        limit,
         unit: "m",
-        at_time: Some(worst.1),
-        note: format!("lateral offset of the rear axle from the wanted pose, to the {side}"),
+        at_time: Some(time),
+        note: if error == 0.0 {
+            format!("no lateral offset from the reference pose; limit {limit:.2} m")
+        } else {
+            format!("{:.2} m to the {side} of the reference pose at {time:.2} s; limit {limit:.2} m", error.abs())
+        },
+        method: "lateral distance of the rear axle from the reference pose, in every sample".into(),
     }
 }

@@ -1,6 +1,6 @@
-//! What the tests that drive share: scenarios, runs, obstacles put in the way, and motions of the whole plane.
+//! Shared by the tests that drive: scenarios, runs, added obstacles, and motions of the plane.
 
-#![allow(dead_code)] // every test file is a crate of its own and uses its part
+#![allow(dead_code)] // every test file is a crate and uses a part of this
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -16,7 +16,7 @@ use stopline::map::{
 };
 use stopline::vehicle::{Vehicle, load};
 
-/// The vehicle that the stories of `maps/` are laid out for.
+/// The vehicle that the scenarios of `maps/` are made for.
 pub(crate) static VEHICLE: LazyLock<Vehicle> = LazyLock::new(|| load("bmw_320i").unwrap());
 
 /// The folder of the bundled scenarios.
@@ -30,13 +30,13 @@ pub(crate) fn bundled(name: &str) -> Scenario {
     read_file(&file).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The folder of real scenarios, if it is there.
+/// The folder of published scenarios, if it exists.
 pub(crate) fn real_scenarios() -> Option<PathBuf> {
     let root = std::env::var_os("STOPLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     let folder = root.join("commonroad");
     if !folder.join("INDEX.csv").is_file() {
-        eprintln!("skipped: no real scenarios (set STOPLINE_DATA to their folder)");
+        eprintln!("skipped: no published scenarios (set STOPLINE_DATA to their folder)");
         return None;
     }
     Some(folder)
@@ -48,23 +48,23 @@ pub(crate) fn driven(scenario: &Scenario) -> Run<'_> {
     drive(scenario, problem, &VEHICLE, &Settings::default(), &mut |_, _| {}).unwrap()
 }
 
-/// What did not hold, for messages; empty when everything did.
+/// The failed checks, for messages; empty if none failed.
 pub(crate) fn failures(run: &Run) -> Vec<String> {
-    let told = |c: &stopline::verdict::Check| {
+    let line = |c: &stopline::verdict::Check| {
         format!("{} {:.3} {} (limit {:.3}) at {:?} s: {}", c.name, c.value, c.unit, c.limit, c.at_time, c.note)
     };
-    run.verdict.failures().map(told).collect()
+    run.verdict.failures().map(line).collect()
 }
 
 /// Id of obstacles that tests add.
 pub(crate) const ADDED: i64 = 9_999;
 
-/// A rectangle that stands for ever, length along its heading.
+/// A static rectangle, its length along its heading.
 pub(crate) fn standing(pose: Pose, length: f64, width: f64) -> Obstacle {
     Obstacle { kind: ObstacleKind::Structure, ..parked(ADDED, pose, length, width) }
 }
 
-/// A motion of the plane: mirrored at the x axis if so, then turned about the origin, then moved.
+/// A motion of the plane: mirrored at the x axis if set, then rotated about the origin, then translated.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PlaneMotion {
     pub(crate) is_mirrored: bool,
@@ -95,7 +95,7 @@ impl PlaneMotion {
         Polyline::new(line.points().iter().map(|p| self.point(*p))).unwrap()
     }
 
-    /// A shape whose points and poses are moved by the two functions.
+    /// A shape with the two functions applied to its points and poses.
     fn shape(shape: &Shape, point: impl Fn(Point) -> Point, pose: impl Fn(&Pose) -> Pose) -> Shape {
         let part = |part: &Part| match part {
             Part::Rectangle { centre, length, width } => {
@@ -111,7 +111,7 @@ impl PlaneMotion {
         Self::shape(shape, |p| self.point(p), |p| self.pose(p))
     }
 
-    /// A shape in its obstacle's frame: the frame moves, so here only the mirror is seen.
+    /// A shape in the frame of its obstacle. The frame itself moves; the shape is only mirrored.
     fn body_shape(&self, shape: &Shape) -> Shape {
         Self::shape(shape, |p| self.local(p), |p| Pose { position: self.local(p.position), yaw: self.signed(p.yaw) })
     }
@@ -162,7 +162,7 @@ impl PlaneMotion {
         moved
     }
 
-    /// The whole scenario moved.
+    /// The moved scenario.
     pub(crate) fn scenario(&self, scenario: &Scenario) -> Scenario {
         let mut moved = scenario.clone();
         for lanelet in moved.network.lanelets.values_mut() {

@@ -1,21 +1,21 @@
-//! Controllers with one thing wrong, made of the real one.
+//! The tracking controller with one fault each.
 
 use stopline::simulation::{Command, Controller, TrackingController};
 use stopline::trajectory::Trajectory;
 use stopline::vehicle::{State, Vehicle};
 
-/// What is wrong.
+/// The fault.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Flaw {
     /// Steering feedback pushes away from the path.
     WrongSign,
-    /// Neither curvature nor acceleration are read from the plan.
+    /// No feed-forward of curvature and acceleration.
     NoFeedForward,
-    /// Whatever would brake does not.
+    /// The brakes do not work.
     NoBrakes,
-    /// Pedals are pressed all the way or not at all.
+    /// The acceleration command is the largest or the smallest value.
     AllOrNothing,
-    /// The vehicle is thought to be half a metre behind where it is.
+    /// The estimated position is half a metre behind the true one.
     HalfAMetreBehind,
 }
 
@@ -23,9 +23,9 @@ impl Controller for Flaw {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
         let real = |state: &State| TrackingController.command(vehicle, trajectory, state, period);
         let right = real(state);
-        // on the plan there is nothing to correct: what is left is the feed-forward
-        let wanted = trajectory.at(state.time);
-        let planned = || real(&State { pose: wanted.pose, speed: wanted.speed, ..*state });
+        // on the plan there is no error to correct, so the command is the feed-forward
+        let reference = trajectory.at(state.time);
+        let planned = || real(&State { pose: reference.pose, speed: reference.speed, ..*state });
         match self {
             Self::WrongSign => Command { steering: 2.0 * planned().steering - right.steering, ..right },
             Self::NoFeedForward => {

@@ -1,7 +1,7 @@
-//! The verdict's own test: planners and controllers with one thing wrong, each in a world where nothing else is, are caught;
-//! and by the promise that they break, not by a goal that they happen to miss.
+//! Mutation test of the verdict: planners and controllers with one fault each fail the check that covers the fault, and not only
+//! the goal.
 //!
-//! Rig and verdict keep the true world. The same scenario with nothing wrong passes: the twin.
+//! Simulation and verdict use the true scenario. The same scenario without a fault, the twin, passes.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -13,29 +13,29 @@ use std::sync::Arc;
 
 use common::{VEHICLE, bundled, failures};
 use controllers::Flaw;
-use planners::{Belief, Late, Meddled, Once, nothing};
+use planners::{Belief, Changed, Late, Once, unchanged};
 use stopline::drive::{Driver, MotionPlanner, Run, Settings, drive_with, planner};
 use stopline::map::Scenario;
 use stopline::planner::Cycle;
 use stopline::vehicle::Vehicle;
 
-/// Where the mistake is.
+/// The kind of fault.
 enum Mistake {
-    /// The planner sees another world.
+    /// The planner gets wrong inputs.
     Sees(fn(&mut Belief)),
-    /// The planner hands out another plan than it made.
+    /// The plans are changed.
     HandsOut(fn(&mut Cycle)),
-    /// MotionPlanner reach the vehicle late.
+    /// Plans are late.
     IsLate,
-    /// The first plan is the last one.
+    /// The planner never replans.
     PlansOnce,
-    /// The controller does something else.
+    /// The controller has a fault.
     Controller(Flaw),
-    /// Nowhere.
+    /// No fault.
     None,
 }
 
-/// Drives with a mistake.
+/// Drives with a fault.
 fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -> Run<'a> {
     let truth = Belief { scenario: scenario.clone(), vehicle: vehicle.clone(), settings: Settings::default() };
     let mut belief = truth.clone();
@@ -44,50 +44,46 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
     }
     let problem = &belief.scenario.problems[0];
     let real = planner(&belief.scenario, problem, &belief.vehicle, &belief.settings).unwrap();
-    let meddle = if let Mistake::HandsOut(meddle) = mistake { *meddle } else { nothing };
-    let mut plans: Box<dyn MotionPlanner> = match mistake {
+    let change = if let Mistake::HandsOut(change) = mistake { *change } else { unchanged };
+    let mut mutant: Box<dyn MotionPlanner> = match mistake {
         Mistake::IsLate => Box::new(Late { planner: real, waiting: VecDeque::new() }),
         Mistake::PlansOnce => Box::new(Once { planner: real, first: None }),
-        _ => Box::new(Meddled { planner: real, meddle }),
+        _ => Box::new(Changed { planner: real, change }),
     };
-    let mut driver = Driver::following(&mut *plans);
+    let mut driver = Driver::following(&mut *mutant);
     if let Mistake::Controller(flaw) = mistake {
         driver.controller = Arc::new(*flaw);
     }
     drive_with(scenario, &scenario.problems[0], vehicle, &truth.settings, driver, &mut |_, _| {}).unwrap()
 }
 
-/// One mutant: the bundled scenario, the check that has to catch it, and what is wrong.
-fn is_caught(name: &str, story: &str, vehicle: &Vehicle, check: &str, mistake: &Mistake) {
-    let scenario = bundled(story);
+/// One mutant: the bundled scenario, the check that has to fail, and the fault.
+fn is_caught(name: &str, on: &str, vehicle: &Vehicle, check: &str, mistake: &Mistake) {
+    let scenario = bundled(on);
     let twin = driven(&scenario, vehicle, &Mistake::None);
-    assert!(twin.verdict.pass(), "{name}: the twin on {story} fails: {:#?}", failures(&twin));
+    assert!(twin.verdict.pass(), "{name}: the twin on {on} fails: {:#?}", failures(&twin));
     let mutant = driven(&scenario, vehicle, mistake);
     let caught: Vec<&str> = mutant.verdict.failures().map(|c| c.name).collect();
-    println!("{name} on {story}: {}, caught by {caught:?}", mutant.outcome.name());
-    assert!(
-        caught.contains(&check),
-        "{name} on {story}: {check} does not see it, {caught:?} do: {:#?}",
-        failures(&mutant)
-    );
+    println!("{name} on {on}: {}, caught by {caught:?}", mutant.outcome.name());
+    assert!(caught.contains(&check), "{name} on {on}: {check} passes, {caught:?} fail: {:#?}", failures(&mutant));
 }
 
 /// One test for each mutant, and the list of all.
 macro_rules! mutants {
-    ($($name:ident on $story:ident, $vehicle:expr, by $check:ident: $mistake:expr;)*) => {
+    ($($name:ident on $on:ident, $vehicle:expr, by $check:ident: $mistake:expr;)*) => {
         /// Name, scenario and check of every mutant.
-        const MUTANTS: &[(&str, &str, &str)] = &[$((stringify!($name), stringify!($story), stringify!($check))),*];
+        const MUTANTS: &[(&str, &str, &str)] = &[$((stringify!($name), stringify!($on), stringify!($check))),*];
         mod mutant {
             use super::*;
             $(#[test]
             fn $name() {
-                is_caught(stringify!($name), stringify!($story), &$vehicle, stringify!($check), &$mistake);
+                is_caught(stringify!($name), stringify!($on), &$vehicle, stringify!($check), &$mistake);
             })*
         }
     };
 }
 
-/// A vehicle that turns its wheels hardly at all: no circle tighter than 86 m.
+/// A vehicle with a turning radius of 86 m.
 fn stiff() -> Vehicle {
     let mut vehicle = VEHICLE.clone();
     vehicle.limits.steering = 0.03;
@@ -99,7 +95,7 @@ use Mistake::{Controller, HandsOut, IsLate, PlansOnce, Sees};
 mutants! {
     obstacle_ignored on parked_car, VEHICLE, by no_contact: Sees(planners::no_obstacles);
     footprint_shrunk on slalom, VEHICLE, by no_contact: Sees(planners::a_third_as_wide);
-    centre_taken_for_rear_axle on lane_blocked, VEHICLE, by no_contact: Sees(planners::centre_for_rear_axle);
+    footprint_centred_on_rear_axle on lane_blocked, VEHICLE, by no_contact: Sees(planners::centre_for_rear_axle);
     prediction_frozen on cut_in, VEHICLE, by no_contact: Sees(planners::frozen_predictions);
     prediction_of_constant_velocity on lead_brakes_hard, VEHICLE, by no_contact: Sees(planners::constant_velocity);
     prediction_stale on pedestrian, VEHICLE, by no_contact: Sees(planners::stale_predictions);
@@ -112,11 +108,11 @@ mutants! {
     stop_proof_skipped on straight_100m, VEHICLE, by fallback_stops: HandsOut(planners::stop_proof_skipped);
     stop_later_than_proven on lane_blocked, VEHICLE, by fallback_stops: HandsOut(planners::stops_too_late);
     plan_without_an_end on straight_100m, VEHICLE, by stop_proven: HandsOut(planners::never_stops);
-    deceleration_understated on straight_100m, VEHICLE, by fallback_stops: HandsOut(planners::promises_too_much);
+    deceleration_understated on straight_100m, VEHICLE, by fallback_stops: HandsOut(planners::deceleration_understated);
     clock_half_a_second_early on straight_100m, VEHICLE, by comfort_jerk: HandsOut(planners::half_a_second_early);
-    path_a_foot_aside on slalom, VEHICLE, by tracking: HandsOut(planners::aside);
+    path_offset_to_the_left on slalom, VEHICLE, by tracking: HandsOut(planners::aside);
     path_mirrored on s_curve, VEHICLE, by stays_on_road: HandsOut(planners::mirrored);
-    replans_never on straight_100m, VEHICLE, by stop_needed: PlansOnce;
+    never_replans on straight_100m, VEHICLE, by stop_needed: PlansOnce;
     plans_late on straight_100m, VEHICLE, by comfort_jerk: IsLate;
     steering_feedback_of_the_wrong_sign on s_curve, VEHICLE, by tracking: Controller(Flaw::WrongSign);
     controller_without_feed_forward on s_curve, VEHICLE, by tracking: Controller(Flaw::NoFeedForward);
@@ -124,18 +120,19 @@ mutants! {
     jerk_unbounded on straight_100m, VEHICLE, by comfort_jerk: Controller(Flaw::AllOrNothing);
     stop_past_the_line on straight_100m, VEHICLE, by stops: Controller(Flaw::HalfAMetreBehind);
 }
-/// The table of the docs and this file's are the same.
+
+/// The table in the docs and the list above agree.
 #[test]
-fn the_docs_tell_every_mutant_and_by_what_it_is_caught() {
+fn the_docs_list_every_mutant_with_its_check() {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/verdict.md");
     let text = std::fs::read_to_string(file).unwrap();
-    let told: Vec<(&str, &str, &str)> = text
+    let listed: Vec<(&str, &str, &str)> = text
         .lines()
         .filter_map(|line| {
             let cells: Vec<&str> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
             (cells.len() == 6 && MUTANTS.iter().any(|m| m.0 == cells[1])).then(|| (cells[1], cells[2], cells[4]))
         })
         .collect();
-    assert_eq!(told, MUTANTS);
+    assert_eq!(listed, MUTANTS);
     assert!(MUTANTS.len() >= 20);
 }

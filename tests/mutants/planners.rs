@@ -1,4 +1,4 @@
-//! Planners with one thing wrong: those that see another world, and those that hand out other plans than they made.
+//! Planners with one fault each: wrong inputs, or changed outputs.
 
 use std::collections::VecDeque;
 
@@ -11,7 +11,7 @@ use stopline::planner::{Cycle, Decision, Planner};
 use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 use stopline::vehicle::{Footprint, State, Vehicle};
 
-/// The world as a mutated planner takes it to be.
+/// The inputs of a mutated planner.
 #[derive(Clone)]
 pub(crate) struct Belief {
     pub(crate) scenario: Scenario,
@@ -29,14 +29,14 @@ pub(crate) fn a_third_as_wide(belief: &mut Belief) {
     v.footprint = Footprint::rectangle(v.length, v.width, v.rear_axle_to_centre);
 }
 
-/// The centre of the footprint is taken for the rear axle: the bumper is a metre and more ahead of where it should be.
+/// The footprint is centred on the rear axle, 1.4 m too far back.
 pub(crate) fn centre_for_rear_axle(belief: &mut Belief) {
     let v = &mut belief.vehicle;
     v.rear_axle_to_centre = 0.0;
     v.footprint = Footprint::rectangle(v.length, v.width, 0.0);
 }
 
-/// Whatever moves stays where it was first seen.
+/// Moving obstacles stay at their first position.
 pub(crate) fn frozen_predictions(belief: &mut Belief) {
     for o in &mut belief.scenario.obstacles {
         if let Motion::Trajectory(states) = &o.motion {
@@ -45,7 +45,7 @@ pub(crate) fn frozen_predictions(belief: &mut Belief) {
     }
 }
 
-/// Whatever moves goes on as it was first seen to.
+/// Moving obstacles keep their first velocity.
 pub(crate) fn constant_velocity(belief: &mut Belief) {
     for o in &mut belief.scenario.obstacles {
         if let Motion::Trajectory(states) = &mut o.motion {
@@ -58,7 +58,7 @@ pub(crate) fn constant_velocity(belief: &mut Belief) {
     }
 }
 
-/// What is known of the traffic is four seconds old.
+/// Predictions are four seconds old.
 pub(crate) fn stale_predictions(belief: &mut Belief) {
     const AGE: f64 = 4.0;
     for o in &mut belief.scenario.obstacles {
@@ -70,7 +70,7 @@ pub(crate) fn stale_predictions(belief: &mut Belief) {
     }
 }
 
-/// The traffic is taken to be where it will be a second later.
+/// Predictions are one second early.
 pub(crate) fn early_predictions(belief: &mut Belief) {
     for o in &mut belief.scenario.obstacles {
         if let Motion::Trajectory(states) = &mut o.motion {
@@ -98,7 +98,7 @@ pub(crate) fn any_lateral_acceleration(belief: &mut Belief) {
     belief.vehicle.comfort.lateral_acceleration = 30.0;
 }
 
-/// The planner may turn the wheels as far as any car; the one that it drives may not.
+/// The planner may steer farther than the vehicle can.
 pub(crate) fn any_curvature(belief: &mut Belief) {
     belief.vehicle.limits.steering = 1.0;
 }
@@ -106,15 +106,15 @@ pub(crate) fn any_curvature(belief: &mut Belief) {
 /// A goal forty metres before the true one.
 pub(crate) fn another_goal(belief: &mut Belief) {
     for goal in &mut belief.scenario.problems[0].goals {
-        let Some(GoalPosition::Shapes(shape)) = &mut goal.position else { panic!("a goal without a place") };
+        let Some(GoalPosition::Shapes(shape)) = &mut goal.position else { panic!("a goal without a region") };
         for part in &mut shape.parts {
-            let Part::Rectangle { centre, .. } = part else { panic!("a goal that is no rectangle") };
+            let Part::Rectangle { centre, .. } = part else { panic!("a goal that is not a rectangle") };
             *centre = centre.advanced(-40.0);
         }
     }
 }
 
-/// Borders of the road are believed to be three metres farther out.
+/// The road is three metres wider on both sides.
 pub(crate) fn wider_road(belief: &mut Belief) {
     const MORE: f64 = 3.0;
     let moved = |line: &Polyline, side: f64| {
@@ -132,21 +132,21 @@ pub(crate) fn wider_road(belief: &mut Belief) {
     }
 }
 
-/// The real planner, whose plans are changed on their way out.
-pub(crate) struct Meddled<'a> {
+/// The real planner with changed plans.
+pub(crate) struct Changed<'a> {
     pub(crate) planner: Planner<'a>,
-    pub(crate) meddle: fn(&mut Cycle),
+    pub(crate) change: fn(&mut Cycle),
 }
 
-impl MotionPlanner for Meddled<'_> {
+impl MotionPlanner for Changed<'_> {
     fn cycle(&mut self, state: &State) -> Cycle {
         let mut cycle = self.planner.cycle(state);
-        (self.meddle)(&mut cycle);
+        (self.change)(&mut cycle);
         cycle
     }
 }
 
-/// The real planner, whose plans reach the vehicle some cycles late, retimed as if they were new.
+/// The real planner with plans that are some cycles late, with the time of new ones.
 pub(crate) struct Late<'a> {
     pub(crate) planner: Planner<'a>,
     pub(crate) waiting: VecDeque<Trajectory>,
@@ -171,7 +171,7 @@ impl MotionPlanner for Late<'_> {
     }
 }
 
-/// The real planner, asked once.
+/// The real planner, called once.
 pub(crate) struct Once<'a> {
     pub(crate) planner: Planner<'a>,
     pub(crate) first: Option<Cycle>,
@@ -186,10 +186,10 @@ impl MotionPlanner for Once<'_> {
     }
 }
 
-/// Nothing wrong.
-pub(crate) fn nothing(_: &mut Cycle) {}
+/// No change.
+pub(crate) fn unchanged(_: &mut Cycle) {}
 
-/// The profile up to some seconds from now.
+/// The knots of the profile up to some seconds from now.
 fn cut(cycle: &Cycle, seconds: f64) -> Vec<SpeedKnot> {
     let profile = &cycle.committed.profile;
     let end = cycle.time - cycle.committed.start_time + seconds;
@@ -200,7 +200,7 @@ fn cut(cycle: &Cycle, seconds: f64) -> Vec<SpeedKnot> {
     knots
 }
 
-/// No proof at all: two seconds ahead the plan claims to stand still at once.
+/// Two seconds ahead the plan stops within a twentieth of a second.
 pub(crate) fn stop_proof_skipped(cycle: &mut Cycle) {
     const INSTANT: f64 = 0.05;
     let mut knots = cut(cycle, 2.0);
@@ -214,13 +214,13 @@ pub(crate) fn stop_proof_skipped(cycle: &mut Cycle) {
     cycle.committed.profile = SpeedProfile::new(knots).unwrap();
 }
 
-/// A plan that ends driving.
+/// The plan ends moving.
 pub(crate) fn never_stops(cycle: &mut Cycle) {
     let knots = cut(cycle, 3.0);
     cycle.committed.profile = SpeedProfile::new(knots).unwrap();
 }
 
-/// A second ahead, the plan goes on for eight metres at the speed that it has there, and stops as planned only then.
+/// One second ahead the plan keeps its speed for eight metres and stops as planned after that.
 pub(crate) fn stops_too_late(cycle: &mut Cycle) {
     const FARTHER: f64 = 8.0;
     let profile = cycle.committed.profile.clone();
@@ -235,7 +235,7 @@ pub(crate) fn stops_too_late(cycle: &mut Cycle) {
     let shifted = |s: SpeedKnot| SpeedKnot { time: s.time + lasts, station: s.station + FARTHER, ..s };
     knots.push(shifted(k));
     knots.extend(profile.knots().iter().filter(|s| s.time > k.time + 1e-6).map(|s| shifted(*s)));
-    // the path goes on straight for as long as that takes
+    // the path is extended straight ahead
     let path = &cycle.committed.path;
     let mut spirals: Vec<CubicSpiral> = path.pieces().map(|(_, _, s)| *s).collect();
     spirals.push(CubicSpiral { knots: [0.0; 4], length: FARTHER + 1.0 });
@@ -244,14 +244,14 @@ pub(crate) fn stops_too_late(cycle: &mut Cycle) {
     cycle.committed.profile = SpeedProfile::new(knots).unwrap();
 }
 
-/// A promise to brake gently that the plan itself does not keep.
-pub(crate) fn promises_too_much(cycle: &mut Cycle) {
+/// The record claims gentler braking than the plan has.
+pub(crate) fn deceleration_understated(cycle: &mut Cycle) {
     if let Decision::NewPlan { deceleration } = &mut cycle.decision {
         *deceleration = 0.5;
     }
 }
 
-/// Clocks that are half a second apart.
+/// The plan is half a second early.
 pub(crate) fn half_a_second_early(cycle: &mut Cycle) {
     cycle.committed.start_time -= 0.5;
 }

@@ -1,23 +1,23 @@
 //! `stopline bench safetlp`: the experiment of *Safe Temporal Planning for Urban Driving* (Empirical Evaluation).
 //!
-//! A straight empty road of 100 m in half-metre steps, at most 15 m/s, a stop at its end; four sets of accelerations (the
-//! paper's Table 1) and start speeds from 0 to 5 m/s by 0.2: 104 instances. Every [`Method`] searches each of them; what
-//! it found is proved again by [`crate::speed::prove`], which shares no code with the searches.
+//! The road is straight, empty and 100 m long, with steps of half a metre, a speed limit of 15 m/s and a stop at its
+//! end. The four sets of acceleration limits (Table 1 of the paper) and start speeds from 0 to 5 m/s in steps of 0.2
+//! m/s give 104 instances. Every [`Method`] searches each instance; [`crate::speed::prove()`], which shares no code with
+//! the searches, verifies the plans.
 //!
-//! What the paper leaves open, and what is taken here:
+//! The paper leaves three choices open:
 //!
-//! - *Time discretisation.* States at one station with the same speed but different times are different in a spatiotemporal
-//!   lattice. Times are told apart in bins of a tenth of a second, speeds in bins of 0.05 m/s (the speeds that three
-//!   actions can produce lie further apart, up to rounding). Halving the bin doubles the states of plan-to-stop; SafeTLP
-//!   does not notice. Without time ([`Method::PlanToStopTimeless`]), which an empty road would allow, plan-to-stop is
-//!   five hundred times cheaper, and still far behind.
-//! - *Which plan plan-to-stop takes.* It searches everything there is; it gets the earliest arrival of all it found, so its
-//!   speeds are the best that comfortable actions reach.
-//! - *Actions of the proofs.* The aggressive deceleration may be used by SafeTLP's proofs and by nothing else.
+//! - *Time discretisation.* In a spatiotemporal lattice, states of one station and speed at different times differ. The
+//!   bins are 0.1 s and 0.05 m/s wide; the speeds that the three actions produce lie farther apart, up to rounding.
+//!   Half the time bin doubles the states of plan-to-stop and does not affect SafeTLP. An empty road allows a search
+//!   without time ([`Method::PlanToStopTimeless`]): it makes plan-to-stop 500 times cheaper, still far from SafeTLP.
+//! - *Choice of the plan.* Plan-to-stop searches the whole lattice and returns the plan with the earliest arrival, so
+//!   its speeds are the best that comfortable actions reach.
+//! - *Actions of the proofs.* Only the proofs of SafeTLP and SafeRTS may use the aggressive deceleration.
 
-mod figures;
+mod metrics;
 
-pub use figures::{Group, Summary};
+pub use metrics::{Group, Summary};
 
 use std::time::Instant;
 
@@ -30,18 +30,18 @@ use crate::speed::{
 
 /// Table 1 of the paper: (comfortable acceleration and deceleration, aggressive deceleration), m/s².
 pub const LIMIT_SETS: [(f64, f64); 4] = [(0.8, 1.6), (1.0, 1.8), (1.2, 2.0), (1.5, 2.2)];
-/// Start speeds lie this many to the m/s,
+/// Number of start speeds per 1 m/s.
 const SPEEDS_PER_MPS: f64 = 5.0;
-/// up to this many of them: 0…5 m/s.
+/// Number of start speeds: 0…5 m/s.
 const SPEEDS: u32 = 26;
-/// Highest speed, m/s.
+/// Speed limit of the road, m/s.
 const TOP_SPEED: f64 = 15.0;
-/// Code of an instance that was left out because time was up.
+/// Code of an instance that was not searched because the time limit was over.
 pub const TIME_LIMIT: &str = "time_limit";
-/// Expansions allowed to SafeRTS: what it would get in a planning cycle.
+/// Expansion budget of SafeRTS: that of a planning cycle.
 const REAL_TIME_EXPANSIONS: usize = 2_000;
 
-/// What to compare on.
+/// Settings of the comparison.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Length of the road, m.
@@ -50,14 +50,14 @@ pub struct Settings {
     pub step: f64,
     /// Width of a time bin, s.
     pub time_bin: f64,
-    /// Every how many start speeds one is taken; 1 for the paper's experiment.
+    /// Uses every n-th start speed; 1 for the paper's experiment.
     pub every: u32,
-    /// Memory that a search may use, bytes.
+    /// Memory limit of a search, bytes.
     pub memory: usize,
-    /// Expansions that a search may make.
+    /// Expansion limit of a search.
     pub expansions: usize,
-    /// No search of plan-to-stop begins later than this, s after the first. What is left out is told; it is the one thing
-    /// here that the clock decides.
+    /// No search of plan-to-stop begins later than this after the start of the comparison, s. The report counts the
+    /// omitted searches. Apart from times, only this setting depends on the clock.
     pub time_limit: f64,
 }
 
@@ -75,25 +75,25 @@ impl Default for Settings {
     }
 }
 
-/// A way to search.
+/// A search method with its discretisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Best first to the end at any speed: no stop.
+    /// Best-first search to the end at any speed, without a stop.
     Naive,
-    /// Exhaustive breadth-first search with time.
+    /// Exhaustive breadth-first search, with time.
     PlanToStop,
-    /// The same, told that on an empty road times do not matter.
+    /// Exhaustive breadth-first search, without time: it does not matter on an empty road.
     PlanToStopTimeless,
     /// SafeTLP with the paper's order of proofs, with time.
     SafeTlp,
-    /// SafeTLP as the planner runs it: proofs by stopping distance, times told apart only where something moves.
+    /// SafeTLP as in the planner: proofs by stopping distance, time only with moving obstacles.
     SafeTlpPlanner,
-    /// Exploring and proving in turns, under the budget of a planning cycle.
+    /// SafeRTS with the expansion budget of a planning cycle.
     SafeRts,
 }
 
 impl Method {
-    /// All, in the order of the table.
+    /// All methods, in the order of the table.
     pub const ALL: [Self; 6] =
         [Self::Naive, Self::PlanToStop, Self::PlanToStopTimeless, Self::SafeTlp, Self::SafeTlpPlanner, Self::SafeRts];
 
@@ -110,7 +110,7 @@ impl Method {
         }
     }
 
-    /// What it is, for people.
+    /// Label in tables and pictures.
     #[must_use]
     pub fn label(self) -> &'static str {
         match self {
@@ -118,7 +118,7 @@ impl Method {
             Self::PlanToStop => "plan-to-stop",
             Self::PlanToStopTimeless => "plan-to-stop, no time",
             Self::SafeTlp => "SafeTLP",
-            Self::SafeTlpPlanner => "SafeTLP, our order",
+            Self::SafeTlpPlanner => "SafeTLP, planner order",
             Self::SafeRts => "SafeRTS, 2,000 expansions",
         }
     }
@@ -148,7 +148,7 @@ impl Method {
     }
 }
 
-/// A start speed under a set of limits.
+/// A start speed with a set of limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instance {
     /// Index in [`LIMIT_SETS`].
@@ -157,49 +157,49 @@ pub struct Instance {
     pub start_speed: f64,
 }
 
-/// What a method made of an instance.
+/// Result of a method on an instance.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// States expanded.
+pub struct Measurement {
+    /// Number of expanded states.
     pub expansions: usize,
-    /// States in closed lists.
+    /// Number of states in closed lists.
     pub closed: usize,
-    /// Stopping proofs tried.
+    /// Number of attempted stopping proofs.
     pub proofs_tried: usize,
-    /// Which of them succeeded.
+    /// Number of the successful attempt, from 1.
     pub proof_succeeded: Option<usize>,
-    /// Most memory in use, bytes.
+    /// Peak memory, bytes.
     pub bytes: usize,
-    /// The plan, if there is one.
-    pub plan: Option<PlanFigures>,
-    /// What the search came to, as a stable code.
+    /// Metrics of the plan, if there is one.
+    pub plan: Option<PlanMetrics>,
+    /// Code of the outcome: [`SpeedOutcome::code`] or [`TIME_LIMIT`].
     pub ended: &'static str,
     /// Wall-clock time, s.
     pub time: f64,
 }
 
-/// A plan's figures.
+/// Metrics of a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlanFigures {
-    /// Way over time, m/s.
+pub struct PlanMetrics {
+    /// Distance over time, m/s.
     pub average_speed: f64,
     /// Highest speed, m/s.
     pub top_speed: f64,
-    /// Speed at its end, m/s.
+    /// Final speed, m/s.
     pub end_speed: f64,
-    /// Whether other code than the search proved it again: it ends at rest, within every limit.
+    /// Whether the plan passes [`prove()`]: it ends in a safe state and keeps all limits.
     pub proved_again: bool,
 }
 
-/// What came out.
+/// Result of the comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// What was compared on, with the length that a step really has.
+    /// The settings, with the actual length of a step.
     pub settings: Settings,
-    /// The instances, set by set.
+    /// The instances, ordered by limit set.
     pub instances: Vec<Instance>,
-    /// For each method ([`Method::ALL`]) what it made of each instance.
-    pub measured: Vec<Vec<Measured>>,
+    /// Measurements by method (in the order of [`Method::ALL`]) and instance.
+    pub measurements: Vec<Vec<Measurement>>,
 }
 
 /// The paper's instances.
@@ -209,7 +209,7 @@ fn instances(every: u32) -> Vec<Instance> {
 }
 
 impl Instance {
-    /// The road, on which rest is allowed at the end only.
+    /// The road, on which stopping is allowed at the end only.
     fn problem(&self, settings: &Settings) -> Result<SpeedProblem, ProblemError> {
         let (comfortable, aggressive) = LIMIT_SETS[self.set];
         let limits = AccelerationLimits {
@@ -227,40 +227,40 @@ impl Instance {
     }
 }
 
-/// Searches every instance with every method; `done` is told after each search.
+/// Searches every instance with every method. Calls `progress` after each search.
 ///
-/// Searches of plan-to-stop take seconds and go side by side on the threads there are; the others take microseconds, go one
-/// after the other, and count the shortest of three runs.
+/// Searches of plan-to-stop take seconds and run in parallel. The others take microseconds, run one after the other,
+/// and report the shortest of three times.
 ///
 /// # Errors
-/// Settings that make no road or no bins.
-pub fn compare(settings: &Settings, done: impl Fn() + Sync) -> Result<Comparison, ProblemError> {
+/// [`ProblemError`] for an invalid road or invalid bins.
+pub fn compare(settings: &Settings, progress: impl Fn() + Sync) -> Result<Comparison, ProblemError> {
     let instances = instances(settings.every);
     let problems: Vec<SpeedProblem> = instances.iter().map(|i| i.problem(settings)).collect::<Result<_, _>>()?;
     for method in Method::ALL {
         method.resolution(settings).validate()?;
     }
-    let begun = Instant::now();
-    let is_late = || begun.elapsed().as_secs_f64() >= settings.time_limit;
+    let start = Instant::now();
+    let is_late = || start.elapsed().as_secs_f64() >= settings.time_limit;
     let measure = |method: Method, problem: &SpeedProblem, runs: u32| {
-        let measured = (0..runs).map(|_| measured(method, problem, settings)).reduce(|a, b| {
-            let faster = a.time.min(b.time);
-            Measured { time: faster, ..a }
+        let measurement = (0..runs).map(|_| measure_once(method, problem, settings)).reduce(|a, b| {
+            let shortest = a.time.min(b.time);
+            Measurement { time: shortest, ..a }
         });
-        done();
-        measured
+        progress();
+        measurement
     };
-    let all = |method: Method| -> Vec<Measured> {
+    let all = |method: Method| -> Vec<Measurement> {
         match method {
             Method::PlanToStop | Method::PlanToStopTimeless => {
-                let measure = |p| if is_late() { Some(Measured::nothing(TIME_LIMIT)) } else { measure(method, p, 1) };
+                let measure = |p| if is_late() { Some(Measurement::empty(TIME_LIMIT)) } else { measure(method, p, 1) };
                 problems.par_iter().filter_map(measure).collect()
             }
             _ => problems.iter().filter_map(|p| measure(method, p, 3)).collect(),
         }
     };
     let step = problems.first().map_or(settings.step, |p| p.end() / p.cells() as f64);
-    Ok(Comparison { settings: Settings { step, ..*settings }, measured: Method::ALL.map(all).to_vec(), instances })
+    Ok(Comparison { settings: Settings { step, ..*settings }, measurements: Method::ALL.map(all).to_vec(), instances })
 }
 
 /// Number of searches that [`compare`] makes.
@@ -269,20 +269,20 @@ pub fn searches(settings: &Settings) -> usize {
     Method::ALL.len() * instances(settings.every).len()
 }
 
-fn measured(method: Method, problem: &SpeedProblem, settings: &Settings) -> Measured {
+fn measure_once(method: Method, problem: &SpeedProblem, settings: &Settings) -> Measurement {
     let resolution = method.resolution(settings);
-    let begun = Instant::now();
+    let start = Instant::now();
     let outcome = search(problem, method.strategy(), &resolution);
-    let time = begun.elapsed().as_secs_f64();
-    // problem and resolution are validated before anything is measured
-    let Ok(outcome) = outcome else { return Measured::nothing("invalid") };
+    let time = start.elapsed().as_secs_f64();
+    // `compare` has validated problem and resolution
+    let Ok(outcome) = outcome else { return Measurement::empty("invalid") };
     let statistics = *outcome.statistics();
     let ended = outcome.code();
     let plan = match outcome {
-        SpeedOutcome::Proven { plan, .. } | SpeedOutcome::Unproven { plan, .. } => figures_of(&plan, problem),
+        SpeedOutcome::Proven { plan, .. } | SpeedOutcome::Unproven { plan, .. } => plan_metrics(&plan, problem),
         SpeedOutcome::NoPlan { .. } => None,
     };
-    Measured {
+    Measurement {
         expansions: statistics.expansions,
         closed: statistics.closed,
         proofs_tried: statistics.proofs_tried,
@@ -294,8 +294,9 @@ fn measured(method: Method, problem: &SpeedProblem, settings: &Settings) -> Meas
     }
 }
 
-impl Measured {
-    fn nothing(ended: &'static str) -> Self {
+impl Measurement {
+    /// A measurement without a search.
+    fn empty(ended: &'static str) -> Self {
         Self {
             expansions: 0,
             closed: 0,
@@ -309,12 +310,12 @@ impl Measured {
     }
 }
 
-fn figures_of(plan: &SpeedPlan, problem: &SpeedProblem) -> Option<PlanFigures> {
+fn plan_metrics(plan: &SpeedPlan, problem: &SpeedProblem) -> Option<PlanMetrics> {
     let (first, last) = (plan.states.first()?, plan.states.last()?);
-    let way = problem.stations[last.node] - problem.stations[first.node];
-    let proved_again = smoothing::unsmoothed(problem, plan).is_some_and(|p| prove(problem, &p).is_ok());
-    Some(PlanFigures {
-        average_speed: way / (last.time - first.time),
+    let distance = problem.stations[last.node] - problem.stations[first.node];
+    let proved_again = smoothing::raw_profile(problem, plan).is_some_and(|p| prove(problem, &p).is_ok());
+    Some(PlanMetrics {
+        average_speed: distance / (last.time - first.time),
         top_speed: plan.states.iter().map(|s| s.speed).fold(0.0, f64::max),
         end_speed: last.speed,
         proved_again,
@@ -325,7 +326,7 @@ fn figures_of(plan: &SpeedPlan, problem: &SpeedProblem) -> Option<PlanFigures> {
 mod tests {
     use super::*;
 
-    /// A road on which even plan-to-stop is quick.
+    /// A road on which plan-to-stop takes milliseconds.
     const SMALL: Settings = Settings {
         length: 20.0,
         step: 0.5,
@@ -345,19 +346,19 @@ mod tests {
     }
 
     #[test]
-    fn two_measurements_differ_in_time_alone() {
+    fn repeated_comparisons_differ_only_in_time() {
         let timeless = || {
             let mut comparison = compare(&SMALL, || ()).unwrap();
-            comparison.measured.iter_mut().flatten().for_each(|m| m.time = 0.0);
+            comparison.measurements.iter_mut().flatten().for_each(|m| m.time = 0.0);
             comparison
         };
         assert_eq!(timeless(), timeless());
     }
 
     #[test]
-    fn every_safe_plan_is_proved_again_and_the_naive_one_is_not() {
+    fn every_plan_passes_the_proof_except_the_naive_one() {
         let comparison = compare(&SMALL, || ()).unwrap();
-        for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+        for (method, measured) in Method::ALL.iter().zip(&comparison.measurements) {
             assert_eq!(measured.len(), 8);
             for m in measured {
                 let plan = m.plan.unwrap_or_else(|| panic!("{method:?} {m:?}"));
@@ -368,19 +369,19 @@ mod tests {
     }
 
     #[test]
-    fn all_promises_hold_and_broken_ones_are_told() {
+    fn checks_pass_and_report_each_violation() {
         let comparison = compare(&SMALL, || ()).unwrap();
-        let told = |c: &Comparison| c.checks().iter().filter(|c| !c.pass).map(|c| c.name).collect::<Vec<_>>();
-        assert_eq!(told(&comparison), [""; 0]);
+        let failed = |c: &Comparison| c.checks().iter().filter(|c| !c.pass).map(|c| c.name).collect::<Vec<_>>();
+        assert_eq!(failed(&comparison), [""; 0]);
         let tlp = Method::ALL.iter().position(|m| *m == Method::SafeTlp).unwrap();
-        let break_with = |change: &dyn Fn(&mut Measured)| {
+        let break_with = |change: &dyn Fn(&mut Measurement)| {
             let mut broken = comparison.clone();
-            change(&mut broken.measured[tlp][0]);
-            told(&broken)
+            change(&mut broken.measurements[tlp][0]);
+            failed(&broken)
         };
         let mut quick = comparison.clone();
-        quick.measured[1].iter_mut().for_each(|m| m.expansions = 50_000);
-        assert_eq!(told(&quick), ["expansion_ratio"]);
+        quick.measurements[1].iter_mut().for_each(|m| m.expansions = 50_000);
+        assert_eq!(failed(&quick), ["expansion_ratio"]);
         assert!(break_with(&|m| m.plan = None).contains(&"all_proven"));
         assert!(break_with(&|m| m.bytes = 65 << 20).contains(&"memory"));
         assert!(break_with(&|m| m.plan.as_mut().unwrap().average_speed = 0.1).contains(&"average_speed"));
@@ -388,34 +389,34 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_too_small_is_told_and_nothing_fails() {
+    fn reports_an_exhausted_budget() {
         for tight in [Settings { memory: 10_000, ..SMALL }, Settings { expansions: 50, ..SMALL }] {
             let comparison = compare(&tight, || ()).unwrap();
-            let exhaustive = &comparison.measured[1];
+            let exhaustive = &comparison.measurements[1];
             assert!(exhaustive.iter().any(|m| m.plan.is_none() && m.ended.ends_with("budget")), "{exhaustive:?}");
         }
     }
 
     #[test]
-    fn when_time_is_up_the_rest_of_plan_to_stop_is_left_out_and_the_promises_are_not_held() {
+    fn omits_plan_to_stop_after_the_time_limit_and_fails_the_checks() {
         let comparison = compare(&Settings { time_limit: 0.0, ..SMALL }, || ()).unwrap();
-        for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+        for (method, measured) in Method::ALL.iter().zip(&comparison.measurements) {
             let is_exhaustive = method.strategy() == Strategy::PlanToStop;
             assert!(measured.iter().all(|m| (m.ended == TIME_LIMIT) == is_exhaustive), "{method:?} {measured:?}");
         }
         assert!(comparison.checks().iter().any(|c| !c.pass));
         let summary = comparison.group(Method::PlanToStop, None).summary();
-        assert!(summary.expansions.is_nan() && summary.time.is_nan(), "nothing was measured: {summary:?}");
+        assert!(summary.expansions.is_nan() && summary.time.is_nan(), "metrics without a search: {summary:?}");
     }
 
     #[test]
-    fn a_step_that_does_not_divide_the_road_is_told_as_it_was_made() {
+    fn reports_the_actual_length_of_a_step() {
         let step = compare(&Settings { step: 0.3, every: 25, ..SMALL }, || ()).unwrap().settings.step;
         assert!((step - 20.0 / 67.0).abs() < 1e-12, "{step}");
     }
 
     #[test]
-    fn roads_and_bins_that_make_no_sense_are_errors() {
+    fn rejects_invalid_roads_and_bins() {
         for wrong in [
             Settings { step: 0.0, ..SMALL },
             Settings { step: 21.0, ..SMALL },

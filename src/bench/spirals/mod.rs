@@ -1,13 +1,13 @@
-//! `stopline bench spirals`: ways to join two poses smoothly, on the same random lattice problems.
+//! `stopline bench spirals`: methods that connect two poses smoothly, on the same random lattice problems.
 //!
-//! Every [`Method`] is timed on every problem that it is for, alone on one thread, the shortest of three runs; its answers
-//! are then judged (`judge`) by other means than those that made them. The first row, the cubic spiral by Newton's method,
-//! is what bending energies are compared with.
+//! Each [`Method`] solves every problem that it applies to, three times on one thread; the shortest time counts.
+//! `evaluation` then computes the metrics of its answers, independently of the method. The reference for bending
+//! energies is the cubic spiral by Newton's method, the first row.
 
-mod judge;
+mod evaluation;
 mod shooting;
 
-pub use judge::{Answer, Curve, Judged};
+pub use evaluation::{Answer, Curve, Evaluation};
 
 use rayon::prelude::*;
 
@@ -18,19 +18,20 @@ use crate::geometry::quintic;
 use crate::geometry::spiral::connect;
 use crate::geometry::spiral_opt::connect_bounded;
 
-/// The curvature bound of the comparison, 1/m: a turning circle of 8.3 m radius at the rear axle, tight but not yet a
-/// car's lock.
+/// The curvature bound of the comparison, 1/m: a radius of 8.3 m at the rear axle, somewhat wider than the minimum of a
+/// car.
 pub const BOUND: f64 = 0.12;
-/// Price of the soft end's slide against bending energy, 1/m³: a metre costs as much as 10 m driven at 1/30 m curvature.
+/// Weight of the squared lateral displacement of a soft end, relative to bending energy, 1/m³: a displacement of 1 m
+/// costs as much as 9 m at a curvature of 1/30 m.
 pub const SOFT: f64 = 0.01;
-/// A bound counts as broken from this much above it (relative): rounding of the closed forms.
+/// Relative tolerance of the curvature bound: rounding errors of the closed forms.
 const ROUNDING: f64 = 1e-12;
-/// Error promised of a spiral's end, m and rad.
-const RESIDUAL: f64 = 1e-9;
-/// Share of the problems under the bound that are promised to be solved, by pinned quintics or proven impossible.
-const DECIDED: f64 = 0.98;
+/// Limit of the residual at the end of a spiral, m and rad.
+const MAX_RESIDUAL: f64 = 1e-9;
+/// Minimum share of the problems with an active bound that are solved or, for pinned quintics, proven infeasible.
+const MIN_DECIDED: f64 = 0.98;
 
-/// What to compare on.
+/// Settings of the comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     /// Seed of the problems.
@@ -45,24 +46,24 @@ impl Default for Settings {
     }
 }
 
-/// A way to a curve.
+/// A method to connect two poses. *Pinned*: both poses and both end curvatures are fixed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Cubic spiral, everything pinned, Newton's method.
+    /// Pinned cubic spiral by Newton's method.
     CubicNewton,
-    /// Cubic spiral whose end may slide sideways for a price ([`SOFT`]), every program by Clarabel.
+    /// Cubic spiral with a lateral displacement of the end at a cost ([`SOFT`]), every program by Clarabel.
     CubicSoft,
-    /// Cubic spiral under [`BOUND`] where that bites: the end slides sideways, convex program.
+    /// Cubic spiral within [`BOUND`] where the bound is active, with a lateral displacement of the end; convex program.
     CubicBounded,
-    /// Quintic spiral, everything pinned, of least bending energy, every program by Clarabel.
+    /// Pinned quintic spiral of least bending energy, every program by Clarabel.
     QuinticSpiral,
-    /// Quintic spiral, everything pinned, under [`BOUND`] where that bites.
+    /// Pinned quintic spiral within [`BOUND`] where the bound is active.
     QuinticBounded,
     /// Quintic polynomial path with tangents as long as the chord.
     PolynomialChord,
     /// Quintic polynomial path with the tangent length of least bending energy.
     PolynomialLeastBending,
-    /// Cubic spiral by shooting with Simpson's rule and differences, the lecture's way.
+    /// Pinned cubic spiral by the lecture's shooting method, with Simpson's rule and finite differences.
     CubicShooting,
 }
 
@@ -94,15 +95,15 @@ impl Method {
         }
     }
 
-    /// What it is, for people.
+    /// Label in tables and pictures.
     #[must_use]
     pub fn label(self) -> &'static str {
         match self {
             Self::CubicNewton => "cubic spiral, Newton",
             Self::CubicSoft => "cubic spiral, soft end",
-            Self::CubicBounded => "cubic spiral, bound bites",
+            Self::CubicBounded => "cubic spiral, active bound",
             Self::QuinticSpiral => "quintic spiral",
-            Self::QuinticBounded => "quintic spiral, bound bites",
+            Self::QuinticBounded => "quintic spiral, active bound",
             Self::PolynomialChord => "quintic polynomial, chord",
             Self::PolynomialLeastBending => "quintic polynomial, searched",
             Self::CubicShooting => "cubic spiral, shooting",
@@ -114,13 +115,13 @@ impl Method {
         matches!(self, Self::CubicBounded | Self::QuinticBounded)
     }
 
-    /// Whether the method is for this problem: all are for all, but those under the bound.
+    /// Whether the method applies to a problem. Bounded methods apply only where the bound is active.
     #[must_use]
     pub fn is_for(self, problem: &LatticeProblem) -> bool {
-        !self.is_bounded() || bites(problem)
+        !self.is_bounded() || bound_is_active(problem)
     }
 
-    /// Solves a problem; `None` if the method finds no curve.
+    /// Solves a problem. `None` if the method finds no curve.
     #[must_use]
     pub fn solve(self, problem: &LatticeProblem) -> Option<Answer> {
         let LatticeProblem { start_curvature, end, end_curvature } = problem;
@@ -150,14 +151,14 @@ impl Method {
         }
     }
 
-    /// Whether the method proves that there is no curve of its kind for a problem.
+    /// Whether the method proves that a problem has no solution of its kind.
     #[must_use]
     pub fn proves_impossible(self, problem: &LatticeProblem) -> bool {
         self == Self::QuinticBounded
             && bounded(problem).quintic().status == Status::Infeasible(Infeasibility::Certified)
     }
 
-    /// Whether its curves are spirals that are held to [`RESIDUAL`].
+    /// Whether the method computes spirals subject to [`MAX_RESIDUAL`].
     fn is_exact_spiral(self) -> bool {
         matches!(
             self,
@@ -166,7 +167,7 @@ impl Method {
     }
 }
 
-/// The problem with everything pinned, under [`BOUND`].
+/// The pinned problem within [`BOUND`].
 fn bounded(problem: &LatticeProblem) -> Problem {
     let pinned = Problem::pinned(problem.start_curvature, problem.end, problem.end_curvature);
     Problem { max_curvature: BOUND, ..pinned }
@@ -177,102 +178,109 @@ fn quintic_spiral(problem: &Problem) -> Option<Answer> {
     found.status.is_solved().then_some(Answer { curve: Curve::Quintic(found.spiral), slide: 0.0 })
 }
 
-/// Whether the pinned cubic spiral breaks the bound.
-fn bites(problem: &LatticeProblem) -> bool {
+/// Whether the pinned cubic spiral violates the bound.
+fn bound_is_active(problem: &LatticeProblem) -> bool {
     connect(problem.start_curvature, &problem.end, problem.end_curvature)
         .is_ok_and(|spiral| spiral.max_abs_curvature() > BOUND)
 }
 
-/// A method's figures.
+/// Metrics of a method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// The method.
     pub method: Method,
-    /// Problems it is for.
+    /// Number of problems that the method applies to.
     pub problems: usize,
-    /// Problems for which it found a curve.
+    /// Number of solved problems.
     pub solved: usize,
-    /// Problems for which it proved that there is none.
+    /// Number of problems proven infeasible.
     pub impossible: usize,
-    /// Largest distance of a curve's end from where it is said to be, m.
+    /// Maximum distance of a curve's end from the reported end, m.
     pub worst_residual: f64,
-    /// Largest error of the heading there, rad.
+    /// Maximum heading error at the end, rad.
     pub worst_heading: f64,
-    /// Largest distance that an end slid sideways, m.
+    /// Maximum lateral displacement of an end, m.
     pub worst_slide: f64,
-    /// Largest |curvature| of all curves, 1/m.
+    /// Maximum |curvature| of all curves, 1/m.
     pub max_curvature: f64,
     /// Mean bending energy, 1/m; 0 without a curve.
     pub mean_energy: f64,
-    /// Sum of the bending energies over that of the pinned cubic spirals on the same problems; not a number without a
-    /// curve.
+    /// Total bending energy divided by that of the pinned cubic spirals on the same problems; NaN without a curve.
     pub energy_ratio: f64,
-    /// Curves with a curvature above [`BOUND`].
+    /// Number of curves with a curvature above [`BOUND`].
     pub over_bound: usize,
-    /// What it took.
+    /// Time per problem.
     pub time: Times,
 }
 
-/// What came out.
+/// Result of the comparison.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// What was compared on.
+    /// The settings.
     pub settings: Settings,
     /// The problems.
     pub problems: Vec<LatticeProblem>,
-    /// One row a method.
+    /// One row per method.
     pub rows: Vec<Row>,
-    /// For each method what its answers are worth, problem by problem: `None` where it was not asked or found nothing.
-    pub judged: Vec<Vec<Option<Judged>>>,
+    /// Evaluations by method and problem. `None` where the method does not apply or found no curve.
+    pub evaluations: Vec<Vec<Option<Evaluation>>>,
 }
 
-/// Solves, times and judges.
+/// Solves all problems with all methods and evaluates the answers.
 #[must_use]
 pub fn compare(settings: &Settings) -> Comparison {
-    compare_watched(settings, &mut |_, _, _| {})
+    compare_with_progress(settings, &mut |_, _, _| {})
 }
 
-/// [`compare`]; `watch` hears which method is at work, and how many of all problems of all methods are done.
+/// [`compare`] with a progress callback: the running method, the number of finished solves, and the number of all
+/// solves.
 #[must_use]
-pub fn compare_watched(settings: &Settings, watch: &mut dyn FnMut(Method, usize, usize)) -> Comparison {
+pub fn compare_with_progress(settings: &Settings, progress: &mut dyn FnMut(Method, usize, usize)) -> Comparison {
     let problems = lattice_problems(settings.seed, settings.problems);
     let mut rows = Vec::new();
-    let mut judged: Vec<Vec<Option<Judged>>> = Vec::new();
+    let mut evaluations: Vec<Vec<Option<Evaluation>>> = Vec::new();
     let all = problems.len() * Method::ALL.len();
     for (i, method) in Method::ALL.into_iter().enumerate() {
-        let mut done = |n| watch(method, i * problems.len() + n, all);
-        let (asked, answers, time) = measured(method, &problems, &mut done);
-        // those that the method is not for are done, too
+        let mut done = |n| progress(method, i * problems.len() + n, all);
+        let (applicable, answers, time) = measure(method, &problems, &mut done);
+        // includes the problems that the method does not apply to
         done(problems.len());
-        let reference = judged.first().unwrap_or(&answers);
+        let reference = evaluations.first().unwrap_or(&answers);
         let unsolved = problems.par_iter().zip(&answers).filter(|(p, answer)| method.is_for(p) && answer.is_none());
         let impossible = unsolved.filter(|(p, _)| method.proves_impossible(p)).count();
-        rows.push(Row { impossible, ..row(method, asked, time, &answers, reference) });
-        judged.push(answers);
+        rows.push(Row { impossible, ..row(method, applicable, time, &answers, reference) });
+        evaluations.push(answers);
     }
-    Comparison { settings: *settings, problems, rows, judged }
+    Comparison { settings: *settings, problems, rows, evaluations }
 }
 
-/// How many problems a method was asked, what its answers are worth, and what it took. Timed alone, judged in parallel.
-fn measured(
+/// Number of problems that a method applies to, the evaluations of its answers, and its times. Solves on one thread and
+/// evaluates in parallel.
+fn measure(
     method: Method,
     problems: &[LatticeProblem],
-    watch: &mut dyn FnMut(usize),
-) -> (usize, Vec<Option<Judged>>, Times) {
+    progress: &mut dyn FnMut(usize),
+) -> (usize, Vec<Option<Evaluation>>, Times) {
     let places: Vec<usize> = (0..problems.len()).filter(|i| method.is_for(&problems[*i])).collect();
-    let (answers, time) = timed(&places, |i| method.solve(&problems[*i]), watch);
-    let worth: Vec<Option<Judged>> =
-        places.par_iter().zip(&answers).map(|(i, answer)| answer.map(|a| a.judged(&problems[*i]))).collect();
-    let mut judged = vec![None; problems.len()];
+    let (answers, time) = timed(&places, |i| method.solve(&problems[*i]), progress);
+    let worth: Vec<Option<Evaluation>> =
+        places.par_iter().zip(&answers).map(|(i, answer)| answer.map(|a| a.evaluate(&problems[*i]))).collect();
+    let mut evaluations = vec![None; problems.len()];
     for (i, worth) in places.iter().zip(worth) {
-        judged[*i] = worth;
+        evaluations[*i] = worth;
     }
-    (places.len(), judged, time)
+    (places.len(), evaluations, time)
 }
 
-fn row(method: Method, problems: usize, time: Times, judged: &[Option<Judged>], reference: &[Option<Judged>]) -> Row {
-    let found: Vec<Judged> = judged.iter().flatten().copied().collect();
-    let largest = |value: fn(&Judged) -> f64| found.iter().map(value).fold(0.0, f64::max);
+fn row(
+    method: Method,
+    problems: usize,
+    time: Times,
+    judged: &[Option<Evaluation>],
+    reference: &[Option<Evaluation>],
+) -> Row {
+    let found: Vec<Evaluation> = judged.iter().flatten().copied().collect();
+    let largest = |value: fn(&Evaluation) -> f64| found.iter().map(value).fold(0.0, f64::max);
     let energy: f64 = found.iter().map(|j| j.bending_energy).sum();
     let both = judged.iter().zip(reference).filter_map(|(j, r)| Some(((*j)?.bending_energy, (*r)?.bending_energy)));
     let (ours, theirs) = both.fold((0.0, 0.0), |(a, b), (ours, theirs)| (a + ours, b + theirs));
@@ -299,9 +307,10 @@ impl Comparison {
         self.rows.iter().find(|r| r.method == method)
     }
 
-    /// What is promised of these problems, whatever the machine: all are solved where nothing is bounded; where a bound
-    /// bites, nearly all are if the end may slide, and nearly all are solved or proven impossible if it may not; ends are met
-    /// to a nanometre; no curve that was asked to stay within the bound leaves it; and quintics bend less than cubics.
+    /// Checks of the metrics, independent of the machine. Unbounded methods solve all problems. Where the bound is
+    /// active, the cubic with a free lateral end solves nearly all, and the pinned quintic solves or refutes nearly
+    /// all. Residuals are below a nanometre, bounded curves keep the bound, and quintic spirals bend less than cubic
+    /// ones.
     #[must_use]
     pub fn checks(&self) -> Vec<Check> {
         let share = |count: usize, of: usize| if of == 0 { 1.0 } else { count as f64 / of as f64 };
@@ -321,12 +330,12 @@ impl Comparison {
         let at_most = |name, value: f64, limit: f64| (name, value <= limit, value, limit);
         [
             (at_least("newton_solves_all", least(&newton, &|r| share(r.solved, r.problems)), 1.0), "share"),
-            (at_most("newton_residual", most(&newton, &|r| r.worst_residual), RESIDUAL), "m"),
+            (at_most("newton_residual", most(&newton, &|r| r.worst_residual), MAX_RESIDUAL), "m"),
             (at_least("spirals_solve_all", least(&free, &|r| share(r.solved, r.problems)), 1.0), "share"),
-            (at_least("bounded_cubics_solved", slid, DECIDED), "share"),
-            (at_least("bounded_quintics_decided", decided, DECIDED), "share"),
-            (at_most("spirals_residual", most(&exact, &|r| r.worst_residual), RESIDUAL), "m"),
-            (at_most("spirals_heading", most(&exact, &|r| r.worst_heading), RESIDUAL), "rad"),
+            (at_least("bounded_cubics_solved", slid, MIN_DECIDED), "share"),
+            (at_least("bounded_quintics_decided", decided, MIN_DECIDED), "share"),
+            (at_most("spirals_residual", most(&exact, &|r| r.worst_residual), MAX_RESIDUAL), "m"),
+            (at_most("spirals_heading", most(&exact, &|r| r.worst_heading), MAX_RESIDUAL), "rad"),
             (at_most("bound_holds", most(&Method::is_bounded, &|r| r.max_curvature), BOUND * (1.0 + ROUNDING)), "1/m"),
             (at_most("quintics_bend_less", most(&quintic, &|r| r.energy_ratio), 1.0), "ratio"),
         ]
@@ -342,7 +351,7 @@ mod tests {
     const SMALL: Settings = Settings { seed: 7, problems: 120 };
 
     #[test]
-    fn two_measurements_differ_in_time_alone() {
+    fn repeated_comparisons_differ_only_in_time() {
         let timeless = |settings| {
             let mut comparison = compare(settings);
             comparison.rows.iter_mut().for_each(|r| r.time = Times { median_us: 0.0, p99_us: 0.0 });
@@ -350,28 +359,29 @@ mod tests {
         };
         assert_eq!(timeless(&SMALL), timeless(&SMALL));
         let other = Settings { seed: 8, ..SMALL };
-        assert_ne!(timeless(&SMALL).judged, timeless(&other).judged);
+        assert_ne!(timeless(&SMALL).evaluations, timeless(&other).evaluations);
     }
 
     #[test]
-    fn who_watches_hears_of_every_method_and_only_forwards_up_to_the_end() {
-        let mut heard: Vec<(Method, usize, usize)> = Vec::new();
-        let _ = compare_watched(&Settings { seed: 7, problems: 5 }, &mut |m, done, all| heard.push((m, done, all)));
-        assert!(heard.windows(2).all(|w| w[0].1 <= w[1].1), "{heard:?}");
-        assert!(heard.iter().all(|h| h.2 == 5 * Method::ALL.len()));
-        assert_eq!(heard.last().map(|h| h.1), Some(5 * Method::ALL.len()));
+    fn progress_is_monotonic_and_covers_every_method() {
+        let mut reports: Vec<(Method, usize, usize)> = Vec::new();
+        let settings = Settings { seed: 7, problems: 5 };
+        let _ = compare_with_progress(&settings, &mut |m, done, all| reports.push((m, done, all)));
+        assert!(reports.windows(2).all(|w| w[0].1 <= w[1].1), "{reports:?}");
+        assert!(reports.iter().all(|r| r.2 == 5 * Method::ALL.len()));
+        assert_eq!(reports.last().map(|r| r.1), Some(5 * Method::ALL.len()));
         for (i, method) in Method::ALL.into_iter().enumerate() {
-            let of_method: Vec<usize> = heard.iter().filter(|h| h.0 == method).map(|h| h.1).collect();
+            let of_method: Vec<usize> = reports.iter().filter(|r| r.0 == method).map(|r| r.1).collect();
             assert_eq!(of_method.last(), Some(&(5 * (i + 1))), "{method:?}");
         }
     }
 
     #[test]
-    fn every_row_says_what_its_answers_say() {
+    fn rows_agree_with_the_evaluations() {
         let comparison = compare(&SMALL);
         assert_eq!(comparison.rows.len(), Method::ALL.len());
-        for (row, judged) in comparison.rows.iter().zip(&comparison.judged) {
-            assert_eq!(row.solved, judged.iter().flatten().count(), "{row:?}");
+        for (row, evaluations) in comparison.rows.iter().zip(&comparison.evaluations) {
+            assert_eq!(row.solved, evaluations.iter().flatten().count(), "{row:?}");
             assert!(row.solved + row.impossible <= row.problems && row.problems <= SMALL.problems);
             assert!(row.impossible == 0 || row.method == Method::QuinticBounded);
             assert!(row.over_bound <= row.solved);
@@ -379,7 +389,7 @@ mod tests {
         }
         let reference = comparison.row(Method::CubicNewton).unwrap();
         assert_eq!((reference.energy_ratio, reference.worst_slide), (1.0, 0.0));
-        // the bound is asked for exactly where the free spiral breaks it, and holds there
+        // bounded methods apply exactly where the free spiral violates the bound, and keep it
         let bounded = comparison.row(Method::CubicBounded).unwrap();
         assert!(bounded.problems == reference.over_bound && bounded.problems > 5);
         assert_eq!(bounded.over_bound, 0);
@@ -387,10 +397,10 @@ mod tests {
     }
 
     #[test]
-    fn promises_are_kept_and_a_broken_one_is_told() {
+    fn checks_pass_and_report_each_violation() {
         let good = compare(&SMALL);
         assert!(good.checks().iter().all(|c| c.pass), "{:?}", good.checks());
-        /// What to break, and the checks that must tell.
+        /// A method, a fault in its row, and the checks that must fail.
         type Case = (Method, fn(&mut Row), &'static [&'static str]);
         let cases: [Case; 9] = [
             (Method::CubicNewton, |r| r.solved -= 1, &["newton_solves_all", "spirals_solve_all"]),
@@ -403,21 +413,21 @@ mod tests {
             (Method::QuinticBounded, |r| r.max_curvature = 0.121, &["bound_holds"]),
             (Method::QuinticSpiral, |r| r.energy_ratio = 1.01, &["quintics_bend_less"]),
         ];
-        for (method, break_it, told) in cases {
+        for (method, fault, expected) in cases {
             let mut comparison = good.clone();
-            comparison.rows.iter_mut().filter(|r| r.method == method).for_each(break_it);
+            comparison.rows.iter_mut().filter(|r| r.method == method).for_each(fault);
             let failed: Vec<&str> = comparison.checks().iter().filter(|c| !c.pass).map(|c| c.name).collect();
-            assert_eq!(failed, told, "{method:?}");
+            assert_eq!(failed, expected, "{method:?}");
         }
-        // a method whose curves are coarse by design may be
+        // no limit applies to the residual of the shooting method
         let mut comparison = good;
         comparison.rows.iter_mut().filter(|r| r.method == Method::CubicShooting).for_each(|r| r.worst_residual = 1e-6);
         assert!(comparison.checks().iter().all(|c| c.pass));
     }
 
     #[test]
-    fn one_problem_in_which_no_bound_bites_is_measured_too() {
-        let seed = (0..100).find(|seed| !bites(&lattice_problems(*seed, 1)[0])).unwrap();
+    fn measures_a_single_problem_with_an_inactive_bound() {
+        let seed = (0..100).find(|seed| !bound_is_active(&lattice_problems(*seed, 1)[0])).unwrap();
         let comparison = compare(&Settings { seed, problems: 1 });
         let bounded = comparison.row(Method::CubicBounded).unwrap();
         assert_eq!((bounded.problems, bounded.solved, bounded.mean_energy), (0, 0, 0.0));

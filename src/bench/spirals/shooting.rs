@@ -1,10 +1,10 @@
-//! The lecture's way to a spiral, kept as the slow reference: shooting with Simpson's rule and differences.
+//! The shooting method of the planning lecture, as a slow reference: Simpson's rule and finite differences.
 //!
-//! Newton's method on the two inner knots and the length against the three conditions at the end (along, across, heading).
-//! Positions come from Simpson's rule on a fixed grid, derivatives from shooting again with each unknown moved a little. It
-//! shares no code with [`connect`](crate::geometry::spiral::connect) but the curvature polynomial.
+//! Newton's method solves for the two inner knots and the length such that position and heading match the end.
+//! Positions come from Simpson's rule on a fixed grid, derivatives from finite differences. Except for the curvature
+//! polynomial, the method shares no code with [`connect`](crate::geometry::spiral::connect).
 //!
-//! Weak by design: the grid decides the accuracy and the differences the number of iterations.
+//! Weakness, by design: the grid limits the accuracy, and the finite differences slow the convergence.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,19 +12,20 @@ use crate::bench::problems::LatticeProblem;
 use crate::geometry::spiral::{CubicSpiral, Spiral};
 use crate::geometry::{Vector, wrap_angle};
 
-/// Intervals of Simpson's rule: a micrometre on 40 m, for one more digit 1.8 times as many.
+/// Intervals of Simpson's rule: an error of 1e-6 m on 40 m. Each further digit takes 1.8 times as many.
 const INTERVALS: u32 = 200;
-/// Relative step of the differences: the square root of the rounding error.
+/// Step of the finite differences: the square root of the rounding error.
 const STEP: f64 = 1e-8;
-/// Largest residual at the end, m and rad: what differences still reach.
+/// Tolerance of the residual at the end, m and rad: the limit of finite differences.
 const TOLERANCE: f64 = 1e-8;
-/// Iterations; ten are usual.
+/// Iteration limit; ten are typical.
 const MAX_ITERATIONS: usize = 50;
 
-/// The spiral that meets all end conditions, as far as Simpson's rule sees it. `None` if the iteration does not settle.
+/// The spiral that meets all end conditions within the accuracy of Simpson's rule. `None` if the iteration does not
+/// converge.
 pub(super) fn shoot(problem: &LatticeProblem) -> Option<CubicSpiral> {
     let chord = problem.end.position.coords.norm();
-    // unknowns of the order of one: inner knots times chord, length over chord
+    // scaled unknowns: inner knots times chord, length over chord
     let mut x = Vector3::new(0.0, 0.0, 1.0);
     for _ in 0..MAX_ITERATIONS {
         let error = residual(problem, chord, &x);
@@ -38,7 +39,7 @@ pub(super) fn shoot(problem: &LatticeProblem) -> Option<CubicSpiral> {
             jacobian.set_column(unknown, &((residual(problem, chord, &moved) - error) / STEP));
         }
         x -= jacobian.try_inverse()? * error;
-        // a length near zero or of loops is not to be believed
+        // excludes degenerate spirals and loops
         x[2] = x[2].clamp(0.5, 3.0);
     }
     None
@@ -49,14 +50,14 @@ fn spiral(problem: &LatticeProblem, chord: f64, x: &Vector3<f64>) -> CubicSpiral
     CubicSpiral { knots, length: x[2] * chord }
 }
 
-/// End of the trial minus the wanted one: m, m, rad.
+/// Residual of the end conditions: x (m), y (m), heading (rad).
 fn residual(problem: &LatticeProblem, chord: f64, x: &Vector3<f64>) -> Vector3<f64> {
     let trial = spiral(problem, chord, x);
-    let miss = simpson_end(&trial, INTERVALS) - problem.end.position.coords;
-    Vector3::new(miss.x, miss.y, trial.heading_change(trial.length) - wrap_angle(problem.end.yaw))
+    let error = simpson_end(&trial, INTERVALS) - problem.end.position.coords;
+    Vector3::new(error.x, error.y, trial.heading_change(trial.length) - wrap_angle(problem.end.yaw))
 }
 
-/// The end of a spiral from the origin with heading 0 by Simpson's rule with an even number of intervals, m.
+/// The end of a spiral from the origin with heading 0, m, by Simpson's rule with an even number of intervals.
 pub(super) fn simpson_end<const K: usize>(spiral: &Spiral<K>, intervals: u32) -> Vector {
     let h = spiral.length / f64::from(intervals);
     let direction = |i: u32| {
@@ -77,7 +78,7 @@ mod tests {
     use crate::geometry::spiral::connect;
 
     #[test]
-    fn the_slow_way_finds_the_same_spirals() {
+    fn shooting_and_newton_find_the_same_spirals() {
         let mut found = 0;
         for p in lattice_problems(SEED, 100) {
             let fast = connect(p.start_curvature, &p.end, p.end_curvature).unwrap();
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn simpson_gains_four_digits_for_ten_times_the_points() {
+    fn simpson_is_of_fourth_order() {
         let spiral = CubicSpiral { knots: [0.05, -0.1, 0.15, 0.0], length: 30.0 };
         let exact = spiral.end(&crate::geometry::Pose::new(0.0, 0.0, 0.0)).position.coords;
         let (coarse, fine) = ((simpson_end(&spiral, 40) - exact).norm(), (simpson_end(&spiral, 400) - exact).norm());

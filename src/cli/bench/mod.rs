@@ -1,4 +1,4 @@
-//! `stopline bench`: arguments and outputs of the comparisons; the measuring is in [`crate::bench`].
+//! `stopline bench`: arguments and outputs of the comparisons in [`crate::bench`].
 
 mod safetlp;
 mod spirals;
@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::args::Comparison;
 use super::{Exit, Failure, report};
 use crate::bench::Check;
+use crate::verdict::Status;
 
 /// Runs a comparison.
 pub(super) fn run(comparison: Comparison) -> Result<Exit, Failure> {
@@ -17,21 +18,21 @@ pub(super) fn run(comparison: Comparison) -> Result<Exit, Failure> {
     }
 }
 
-fn held(checks: &[Check]) -> bool {
+fn all_pass(checks: &[Check]) -> bool {
     checks.iter().all(|c| c.pass)
 }
 
 fn check_json(check: &Check) -> Value {
     let Check { name, pass, value, limit, unit } = check;
-    json!({ "name": name, "pass": pass, "value": value, "limit": limit, "unit": unit })
+    json!({ "name": name, "status": Status::of(*pass).name(), "value": value, "limit": limit, "unit": unit })
 }
 
-/// What is promised, as a table for people.
+/// The checks as a text table.
 fn check_table(checks: &[Check]) -> String {
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let row = |c: &Check| {
-        let held = if c.pass { "PASS" } else { "FAIL" };
-        [c.name, held, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
+        let status = Status::of(c.pass).to_string();
+        [c.name, &status, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
     };
     report::table(&std::iter::once(head).chain(checks.iter().map(row)).collect::<Vec<_>>())
 }

@@ -1,21 +1,21 @@
-//! `stopline bench safetlp`: the table, the JSON, the CSV and the picture of the paper's experiment.
+//! `stopline bench safetlp`: table, JSON, CSV and picture of the paper's experiment.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use super::{check_json, check_table, held};
+use super::{all_pass, check_json, check_table};
 use crate::bench::safetlp::{Comparison, LIMIT_SETS, Method, Settings, TIME_LIMIT, compare, searches};
 use crate::cli::args::SafeTlpArgs;
 use crate::cli::job::Outputs;
 use crate::cli::{Exit, Failure, json as result, print, progress, report};
 use crate::io::files;
 
-/// Bytes of a MiB.
+/// One MiB in bytes.
 const MIB: usize = 1 << 20;
 
-/// Checks the outputs, measures, writes, reports.
+/// Runs the comparison and writes its outputs.
 pub(super) fn run(args: SafeTlpArgs) -> Result<Exit, Failure> {
     let outputs = Outputs { json: args.json, csv: args.csv, svg: args.svg, ..Outputs::default() };
     outputs.check(&[])?;
@@ -50,10 +50,10 @@ pub(super) fn run(args: SafeTlpArgs) -> Result<Exit, Failure> {
     } else if !args.quiet {
         print(&text(&comparison, &value))?;
     }
-    Ok(if held(&comparison.checks()) { Exit::Pass } else { Exit::CheckFailed })
+    Ok(if all_pass(&comparison.checks()) { Exit::Pass } else { Exit::CheckFailed })
 }
 
-/// The result; its hash covers everything but the times.
+/// The result. Its hash excludes the times.
 fn to_json(comparison: &Comparison) -> Value {
     let checks = comparison.checks();
     let s = &comparison.settings;
@@ -64,7 +64,7 @@ fn to_json(comparison: &Comparison) -> Value {
     put("step_m", json!(s.step));
     put("time_bin_s", json!(s.time_bin));
     put("instances", json!(comparison.instances.len()));
-    put("verdict", json!(if held(&checks) { "pass" } else { "fail" }));
+    put("verdict", json!(if all_pass(&checks) { "pass" } else { "fail" }));
     put("checks", checks.iter().map(check_json).collect());
     put("methods", Method::ALL.iter().map(|m| method_json(comparison, *m)).collect());
     let hash = result::hash(&Value::Object(value.clone()), &[]);
@@ -102,22 +102,22 @@ fn method_json(comparison: &Comparison, method: Method) -> Value {
     })
 }
 
-/// How many searches of a method ended how.
+/// Number of searches of a method by outcome.
 fn ended(comparison: &Comparison, method: Method) -> BTreeMap<&'static str, usize> {
     let mut counts = BTreeMap::new();
-    for measured in comparison.group(method, None).measured {
+    for measured in comparison.group(method, None).measurements {
         *counts.entry(measured.ended).or_insert(0) += 1;
     }
     counts
 }
 
-/// One row for each method and instance. The last column is the clock's.
+/// One row per method and instance. Only the last column depends on the clock.
 fn to_csv(comparison: &Comparison) -> String {
     let mut text = String::from(
         "method,comfortable_acceleration_mps2,aggressive_deceleration_mps2,start_speed_mps,ended,expansions,closed,\
          proofs_tried,proof_succeeded,memory_bytes,average_speed_mps,top_speed_mps,end_speed_mps,proved_again,time_s\n",
     );
-    for (method, measured) in Method::ALL.iter().zip(&comparison.measured) {
+    for (method, measured) in Method::ALL.iter().zip(&comparison.measurements) {
         for (instance, m) in comparison.instances.iter().zip(measured) {
             let (comfortable, aggressive) = LIMIT_SETS[instance.set];
             let succeeded = m.proof_succeeded.map(|n| n.to_string()).unwrap_or_default();
@@ -151,7 +151,7 @@ fn rounded(length: f64) -> f64 {
     (length * 1e4).round() / 1e4
 }
 
-/// The tables for people.
+/// The report as text.
 fn text(comparison: &Comparison, value: &Value) -> String {
     let s = &comparison.settings;
     let mut text = format!(
@@ -163,33 +163,33 @@ fn text(comparison: &Comparison, value: &Value) -> String {
         s.time_bin
     );
     let head = ["method", "proven", "expansions", "time", "memory", "average speed, m/s, by limit set", "", "", ""];
-    let units = ["", "", "median", "median µs", "most MiB", "0.8/1.6", "1.0/1.8", "1.2/2.0", "1.5/2.2"];
+    let units = ["", "", "median", "median µs", "peak MiB", "0.8/1.6", "1.0/1.8", "1.2/2.0", "1.5/2.2"];
     let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
     let rows = rows.chain(Method::ALL.iter().map(|m| cells(comparison, *m)));
     text += &report::table(&rows.collect::<Vec<_>>());
     text.push('\n');
-    text += &bounds_met(comparison);
+    text += &exhausted_budgets(comparison);
     text += &check_table(&comparison.checks());
     let _ = writeln!(text, "\nhash: {}", value["hash"].as_str().unwrap_or_default());
     text
 }
 
-/// A line for each method of which searches met a bound.
-fn bounds_met(comparison: &Comparison) -> String {
+/// One line for each method and exhausted budget.
+fn exhausted_budgets(comparison: &Comparison) -> String {
     let s = &comparison.settings;
-    let bounds = [
-        ("memory_budget", format!("ended at the memory bound of {} MiB", s.memory / MIB)),
-        ("expansion_budget", "ended at their bound of expansions".to_owned()),
-        (TIME_LIMIT, format!("were left out: the time limit of {} s was over", s.time_limit)),
+    let budgets = [
+        ("memory_budget", format!("exhausted the memory budget of {} MiB", s.memory / MIB)),
+        ("expansion_budget", "exhausted the expansion budget".to_owned()),
+        (TIME_LIMIT, format!("omitted after the time limit of {} s", s.time_limit)),
     ];
     let mut text = String::new();
     for method in Method::ALL {
-        let all = comparison.group(method, None).measured;
-        for (code, ended) in &bounds {
-            let met = all.iter().filter(|m| m.ended == *code).count();
-            if met > 0 {
+        let all = comparison.group(method, None).measurements;
+        for (code, reason) in &budgets {
+            let count = all.iter().filter(|m| m.ended == *code).count();
+            if count > 0 {
                 // writing to a String cannot fail
-                let _ = writeln!(text, "{}: {met} of {} searches {ended}", method.label(), all.len());
+                let _ = writeln!(text, "{}: {count} of {} searches {reason}", method.label(), all.len());
             }
         }
     }
@@ -204,17 +204,17 @@ fn cells(comparison: &Comparison, method: Method) -> Vec<String> {
     let mut cells = vec![
         method.label().to_owned(),
         format!("{}/{}", all.proven, all.instances),
-        figure(all.expansions, 0),
-        figure(1e6 * all.time, 1),
+        number(all.expansions, 0),
+        number(1e6 * all.time, 1),
         format!("{:.2}", all.bytes as f64 / MIB as f64),
     ];
     cells.extend(
-        (0..LIMIT_SETS.len()).map(|set| figure(comparison.group(method, Some(set)).summary().average_speed, 3)),
+        (0..LIMIT_SETS.len()).map(|set| number(comparison.group(method, Some(set)).summary().average_speed, 3)),
     );
     cells
 }
 
-/// A number with its decimals; a dash where there was nothing to measure.
-fn figure(value: f64, decimals: usize) -> String {
+/// A number with fixed decimals; a dash for NaN.
+fn number(value: f64, decimals: usize) -> String {
     if value.is_finite() { format!("{value:.decimals$}") } else { "-".into() }
 }

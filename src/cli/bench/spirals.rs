@@ -1,24 +1,24 @@
-//! `stopline bench spirals`: the table, the JSON, the CSV and the picture of a comparison.
+//! `stopline bench spirals`: table, JSON, CSV and picture of the comparison.
 
 use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use super::{check_json, check_table, held};
+use super::{all_pass, check_json, check_table};
 use crate::bench::Check;
-use crate::bench::spirals::{BOUND, Comparison, Method, Row, SOFT, Settings, compare_watched};
+use crate::bench::spirals::{BOUND, Comparison, Method, Row, SOFT, Settings, compare_with_progress};
 use crate::cli::args::SpiralArgs;
 use crate::cli::job::Outputs;
 use crate::cli::{Exit, Failure, json as result, print, progress, report};
 use crate::io::files;
 
-/// Checks the outputs, measures, writes, reports.
+/// Runs the comparison and writes its outputs.
 pub(super) fn run(args: SpiralArgs) -> Result<Exit, Failure> {
     let outputs = Outputs { json: args.json, csv: args.csv, svg: args.svg, ..Outputs::default() };
     outputs.check(&[])?;
     let settings = Settings { seed: args.seed, problems: args.problems as usize };
     let bar = progress::bar(!args.quiet);
-    let comparison = compare_watched(&settings, &mut |method, done, all| {
+    let comparison = compare_with_progress(&settings, &mut |method, done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
         bar.set_message(method.label());
@@ -40,10 +40,10 @@ pub(super) fn run(args: SpiralArgs) -> Result<Exit, Failure> {
     } else if !args.quiet {
         print(&text(&comparison, &checks, &value))?;
     }
-    Ok(if held(&checks) { Exit::Pass } else { Exit::CheckFailed })
+    Ok(if all_pass(&checks) { Exit::Pass } else { Exit::CheckFailed })
 }
 
-/// The result; its hash covers everything but the times.
+/// The result. Its hash excludes the times.
 fn to_json(comparison: &Comparison, checks: &[Check]) -> Value {
     let mut value = Map::new();
     let mut put = |key: &str, v: Value| value.insert(key.to_owned(), v);
@@ -51,14 +51,14 @@ fn to_json(comparison: &Comparison, checks: &[Check]) -> Value {
     put("seed", json!(comparison.settings.seed));
     put("problems", json!(comparison.problems.len()));
     put("bound_per_m", json!(BOUND));
-    put("verdict", json!(if held(checks) { "pass" } else { "fail" }));
+    put("verdict", json!(if all_pass(checks) { "pass" } else { "fail" }));
     put("checks", checks.iter().map(check_json).collect());
     put("methods", comparison.rows.iter().map(row_to_json).collect());
     let hash = result::hash(&Value::Object(value.clone()), &[]);
     let mut put = |key: &str, v: Value| value.insert(key.to_owned(), v);
     let time = |r: &Row| {
-        let figures = json!({ "median_us": r.time.median_us, "p99_us": r.time.p99_us });
-        (r.method.name().to_owned(), figures)
+        let times = json!({ "median_us": r.time.median_us, "p99_us": r.time.p99_us });
+        (r.method.name().to_owned(), times)
     };
     put("time", Value::Object(comparison.rows.iter().map(time).collect()));
     put("hash", json!(hash));
@@ -82,19 +82,19 @@ fn row_to_json(row: &Row) -> Value {
     })
 }
 
-/// One row for each method and problem that it was asked, without times. Numbers are written so that reading them gives
-/// the same `f64`; what a method did not find is left empty.
+/// One row per method and applicable problem, without times. Numbers read back as the same `f64`; cells of unsolved
+/// problems are empty.
 fn to_csv(comparison: &Comparison) -> String {
     let mut text = String::from(
         "problem,start_curvature_per_m,end_x_m,end_y_m,end_yaw_rad,end_curvature_per_m,method,solved,\
          end_residual_m,heading_residual_rad,slide_m,max_abs_curvature_per_m,bending_energy_per_m,length_m\n",
     );
     for (i, p) in comparison.problems.iter().enumerate() {
-        for (method, judged) in Method::ALL.iter().zip(&comparison.judged).filter(|(m, _)| m.is_for(p)) {
+        for (method, evaluations) in Method::ALL.iter().zip(&comparison.evaluations).filter(|(m, _)| m.is_for(p)) {
             let (at, name) = (p.end.position, method.name());
             // writing to a String cannot fail
             let _ = write!(text, "{i},{},{},{},{},{},", p.start_curvature, at.x, at.y, p.end.yaw, p.end_curvature);
-            let _ = match judged[i] {
+            let _ = match evaluations[i] {
                 Some(j) => writeln!(
                     text,
                     "{name},1,{},{},{},{},{},{}",
@@ -107,18 +107,19 @@ fn to_csv(comparison: &Comparison) -> String {
     text
 }
 
-/// The table for people.
+/// The report as text.
 fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
     let count = comparison.problems.len();
     let mut text = format!(
-        "{count} lattice problem(s), seed {}: 10…40 m ahead, ±8 m across, ±0.5 rad, curvature ±0.1 1/m at both ends\n\n",
+        "{count} lattice problem(s), seed {}: 10…40 m longitudinally, ±8 m laterally, ±0.5 rad, curvature ±0.1 1/m at both \
+         ends\n\n",
         comparison.settings.seed
     );
     let head = [
         "method",
         "problems",
         "solved",
-        "proven",
+        "infeasible",
         "median",
         "p99",
         "worst end",
@@ -129,7 +130,7 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
         "over",
     ];
     let units =
-        ["", "", "", "impossible", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
+        ["", "", "", "proven", "µs", "µs", "residual m", "slide m", "|κ| 1/m", "∫κ²ds 1/m", "to cubic", "bound %"];
     let rows = [head, units].map(|r| r.map(str::to_owned).to_vec()).into_iter();
     text += &report::table(&rows.chain(comparison.rows.iter().map(cells)).collect::<Vec<_>>());
     text += &notes();
@@ -139,18 +140,19 @@ fn text(comparison: &Comparison, checks: &[Check], value: &Value) -> String {
     text
 }
 
-/// What the rows mean.
+/// Explanation of the rows.
 fn notes() -> String {
     format!(
         "
-bound        |κ| ≤ {BOUND} 1/m everywhere; it bites where the pinned cubic spiral breaks it
-soft end     may slide sideways, for {SOFT} 1/m³ · slide² of bending energy; every program by Clarabel
-bound bites  the cubic's end slides sideways as little as it must (second-order cones); the quintic's is pinned (cuts)
-proven       there is no such spiral: linear relaxations contradict each other, everywhere in a branch and bound
-quintic      the spiral of least bending energy, all pinned, every program by Clarabel
-polynomial   x and y of degree five; tangents as long as the chord, or searched for least bending energy
-shooting     the lecture's way to the first row: Newton with Simpson's rule and differences
-time         of one problem, the shortest of three runs; all else is the same in every repetition
+pinned       both poses and both end curvatures are fixed
+bound        |κ| ≤ {BOUND} 1/m; active where the pinned cubic spiral violates it
+soft end     lateral displacement (slide) at a cost of {SOFT} 1/m³ · slide²; every program by Clarabel
+active bound the cubic's end has the least possible slide (second-order cones); the quintic's is pinned (cuts)
+infeasible   proven: a branch and bound over linear relaxations excludes every such spiral
+quintic      pinned spiral of least bending energy; every program by Clarabel
+polynomial   x and y of degree five; tangents as long as the chord, or optimised for least bending energy
+shooting     the lecture's method for the first row: Newton with Simpson's rule and finite differences
+time         per problem, shortest of three runs; all other metrics are deterministic
 "
     )
 }

@@ -417,7 +417,7 @@ fn problem(world: &CollisionWorld, predictions: &Predictions, speed: f64) -> Spe
 
 fn plan(problem: &SpeedProblem) -> Option<SpeedProfile> {
     let found = search(problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven()?;
-    let profile = smoothing::unsmoothed(problem, &found).unwrap();
+    let profile = smoothing::raw_profile(problem, &found).unwrap();
     assert_eq!(prove(problem, &profile), Ok(()));
     Some(profile)
 }

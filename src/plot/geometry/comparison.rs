@@ -1,19 +1,19 @@
-//! How the answers of `stopline bench spirals` are distributed, method by method.
+//! Distributions of the solutions of `stopline bench spirals`, by method.
 
 use super::curves::colour;
 use super::{LEGEND, legend_row, sheet};
-use crate::bench::spirals::{BOUND, Comparison, Judged, Method};
+use crate::bench::spirals::{BOUND, Comparison, Evaluation, Method};
 use crate::plot::axes::{Area, Curve, Panel};
 use crate::plot::{CONTENT, GAP, MARGIN, Mark, style};
 
-/// A picture of a comparison: the share of problems whose curve stays below a largest curvature, and below a bending
-/// energy, against the cubic spiral's. Without times: the same problems give the same bytes.
+/// A chart of a comparison: the share of problems for which the curve's largest curvature, and its bending energy
+/// relative to the cubic spiral, stay below a value. It has no times: equal problems give equal bytes.
 #[must_use]
 pub fn comparison(comparison: &Comparison) -> String {
     const HEIGHT: f64 = 330.0;
     let about = format!(
-        "{} lattice problems, seed {}: 10…40 m ahead, ±8 m across, ±0.5 rad, curvature ±0.1 1/m at both ends; each line says \
-         in which share of them a method stays below the figure",
+        "{} lattice problems, seed {}: 10…40 m ahead, ±8 m lateral, ±0.5 rad, curvature ±0.1 1/m at both ends; each line is \
+         the share of problems for which a method stays below the value",
         comparison.problems.len(),
         comparison.settings.seed
     );
@@ -28,8 +28,8 @@ pub fn comparison(comparison: &Comparison) -> String {
     })
 }
 
-/// The methods with a line of their own: those that answer every problem at its wanted end. The slow way is left out, it
-/// finds the same spirals as Newton's method.
+/// The methods shown: those that solve every problem at the exact end. Shooting is omitted, since it gives the same
+/// spirals as Newton's method.
 fn shown() -> impl Iterator<Item = Method> {
     let hidden = [Method::CubicShooting, Method::CubicSoft, Method::CubicBounded, Method::QuinticBounded];
     Method::ALL.into_iter().filter(move |m| !hidden.contains(m))
@@ -48,10 +48,10 @@ fn curvatures(comparison: &Comparison) -> Panel {
     Panel {
         title: "Share of problems, %, by largest |curvature|",
         id: "curvatures",
-        key: vec![("bound", style::ALARM)],
+        legend: vec![("bound", style::ALARM)],
         curves: lines.chain([bound]).collect(),
         limits: vec![],
-        across: (0.0, HIGHEST),
+        x: (0.0, HIGHEST),
         axis: "largest |κ|, 1/m",
         at_least: (0.0, 100.0),
     }
@@ -63,27 +63,28 @@ fn energies(comparison: &Comparison) -> Panel {
     Panel {
         title: "Share of problems, %, by bending energy over the cubic spiral's",
         id: "energies",
-        key: vec![],
+        legend: vec![],
         curves: others.map(|m| share(m, &values(comparison, m, |j, r| j.bending_energy / r), HIGHEST)).collect(),
         limits: vec![],
-        across: (0.0, HIGHEST),
+        x: (0.0, HIGHEST),
         axis: "∫κ² ds over that of the cubic spiral",
         at_least: (0.0, 100.0),
     }
 }
 
-/// A figure of every answer of a method, from the answer and the bending energy of the cubic spiral; sorted.
-fn values(comparison: &Comparison, method: Method, figure: fn(&Judged, f64) -> f64) -> Vec<f64> {
+/// A metric of every solution of a method, computed from the solution and the bending energy of the cubic spiral;
+/// sorted.
+fn values(comparison: &Comparison, method: Method, metric: fn(&Evaluation, f64) -> f64) -> Vec<f64> {
     let place = |m| Method::ALL.iter().position(|other| *other == m);
-    let (Some(ours), Some(theirs)) = (place(method), place(Method::CubicNewton)) else { return Vec::new() };
-    let pairs = comparison.judged[ours].iter().zip(&comparison.judged[theirs]);
-    let both = pairs.filter_map(|(ours, theirs)| Some(figure(ours.as_ref()?, theirs.as_ref()?.bending_energy)));
+    let (Some(own), Some(reference)) = (place(method), place(Method::CubicNewton)) else { return Vec::new() };
+    let pairs = comparison.evaluations[own].iter().zip(&comparison.evaluations[reference]);
+    let both = pairs.filter_map(|(own, reference)| Some(metric(own.as_ref()?, reference.as_ref()?.bending_energy)));
     let mut values: Vec<f64> = both.filter(|v| v.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     values
 }
 
-/// The share of sorted values up to each value, %, in enough points to look smooth.
+/// The cumulative share of sorted values, %, at enough points to look smooth.
 fn share(method: Method, sorted: &[f64], highest: f64) -> Curve {
     const POINTS: u32 = 240;
     let below = |x: f64| 100.0 * sorted.partition_point(|v| *v <= x) as f64 / sorted.len().max(1) as f64;

@@ -1,4 +1,4 @@
-//! Curves between two poses, with their curvature below.
+//! Curves between two poses, and their curvature.
 
 use super::{LEGEND, band, dot, framed, label, legend_row, metre_grid, sheet, stroke};
 use crate::bench::problems::LatticeProblem;
@@ -13,10 +13,10 @@ use crate::plot::scene::{View, scale_bar};
 use crate::plot::svg::{Element, Svg};
 use crate::plot::{CONTENT, GAP, MARGIN, Mark, style};
 
-/// Intervals in which curves are drawn: smooth at any zoom a page is seen at.
+/// Number of intervals of a drawn curve: smooth at any practical zoom.
 const INTERVALS: usize = 160;
 
-/// Colour of each kind of curve, the same in all pictures.
+/// Colour of each method, the same in all pictures.
 pub(super) fn colour(method: Method) -> &'static str {
     match method {
         Method::CubicNewton | Method::CubicShooting => style::DRIVEN,
@@ -24,19 +24,19 @@ pub(super) fn colour(method: Method) -> &'static str {
         Method::CubicSoft => style::PLAN,
         Method::QuinticSpiral | Method::QuinticBounded => style::VULNERABLE,
         Method::PolynomialChord => style::MOVING,
-        Method::PolynomialLeastBending => style::WANTED,
+        Method::PolynomialLeastBending => style::REFERENCE,
     }
 }
 
-/// A curve in its colour.
-struct Drawn {
+/// A curve and its line style.
+struct StyledCurve {
     curve: Curve,
     colour: String,
     width: f64,
     dash: &'static str,
 }
 
-impl Drawn {
+impl StyledCurve {
     fn new(curve: Curve, colour: &str, width: f64) -> Self {
         Self { curve, colour: colour.into(), width, dash: "" }
     }
@@ -59,15 +59,15 @@ impl Drawn {
     }
 }
 
-fn curvature_panel(id: &'static str, drawn: &[Drawn], at_least: (f64, f64)) -> Panel {
+fn curvature_panel(id: &'static str, drawn: &[StyledCurve], at_least: (f64, f64)) -> Panel {
     let longest = drawn.iter().map(|d| d.curve.length()).fold(0.0, f64::max);
     Panel {
         title: "Curvature, 1/m",
         id,
-        key: vec![],
-        curves: drawn.iter().map(Drawn::curvature).collect(),
+        legend: vec![],
+        curves: drawn.iter().map(StyledCurve::curvature).collect(),
         limits: vec![],
-        across: (0.0, longest),
+        x: (0.0, longest),
         axis: "arc length, m",
         at_least,
     }
@@ -77,38 +77,38 @@ fn bounds(low: (f64, f64), high: (f64, f64)) -> Bounds {
     Bounds { min: Point::new(low.0, low.1), max: Point::new(high.0, high.1) }
 }
 
-/// A pose as a dot with a short line ahead.
+/// A pose as a dot with a short line in its heading.
 fn pose_mark(svg: &mut Svg, view: &View, pose: &Pose, colour: &str) {
     let ahead = pose.advanced(22.0 / view.scale).position;
     svg.add(&stroke(view.line(&[pose.position, ahead]), colour, 1.4));
     dot(svg, view.page(&pose.position), 3.6, style::PAPER, colour);
 }
 
-/// Cubic spirals from one pose to the nodes of a layer of the lattice on a bend.
+/// Cubic spirals from one pose to the nodes of a lattice layer on a curved road.
 pub(super) fn fan() -> String {
-    /// Curvature of the bend, 1/m; station of the layer and largest offset, m.
-    const BEND: f64 = 0.015;
+    /// Curvature of the reference line, 1/m; station of the layer and largest offset, m.
+    const CURVATURE: f64 = 0.015;
     const AHEAD: f64 = 32.0;
     const WIDEST: i32 = 6;
     let node = |s: f64, l: f64| {
-        let (sin, cos) = (BEND * s).sin_cos();
-        let radius = 1.0 / BEND - l;
-        Pose::new(radius * sin, 1.0 / BEND - radius * cos, BEND * s)
+        let (sin, cos) = (CURVATURE * s).sin_cos();
+        let radius = 1.0 / CURVATURE - l;
+        Pose::new(radius * sin, 1.0 / CURVATURE - radius * cos, CURVATURE * s)
     };
     let spirals: Vec<(f64, Pose, CubicSpiral)> = (-WIDEST..=WIDEST)
         .filter_map(|i| {
             let l = f64::from(i);
             let end = node(AHEAD, l);
-            connect(0.0, &end, BEND / (1.0 - BEND * l)).ok().map(|spiral| (l, end, spiral))
+            connect(0.0, &end, CURVATURE / (1.0 - CURVATURE * l)).ok().map(|spiral| (l, end, spiral))
         })
         .collect();
     let hue = |l: f64| style::hex(style::viridis(0.5 + l / f64::from(2 * WIDEST)));
-    let drawn: Vec<Drawn> = spirals
+    let drawn: Vec<StyledCurve> = spirals
         .iter()
-        .map(|(l, _, spiral)| Drawn::new(Curve::Cubic(*spiral), &hue(*l), if *l == 0.0 { 2.8 } else { 1.5 }))
+        .map(|(l, _, spiral)| StyledCurve::new(Curve::Cubic(*spiral), &hue(*l), if *l == 0.0 { 2.8 } else { 1.5 }))
         .collect();
-    let about = "from one pose, driving straight, to the nodes of a layer 32 m ahead on a bend of 67 m radius: \
-                 heading and curvature of each node are those of the bend at its offset";
+    let about = "from one straight pose to the nodes of a layer 32 m ahead on a curve of 67 m radius: \
+                 each node has the heading and curvature of the road at its offset";
     let (plane, panel) = (band(0.0, 450.0), band(0.0, 250.0));
     sheet("A fan of cubic spirals", about, plane.height + LEGEND + panel.height + 16.0, |svg, top| {
         let plane = Area { corner: (MARGIN, top), ..plane };
@@ -146,24 +146,25 @@ fn metres(l: f64) -> String {
     if l == 0.0 { "0 m".into() } else { format!("{l:+} m").replace('-', "−") }
 }
 
-/// A bound on the curvature that the pinned spiral breaks, and the spiral that holds it with its end slid sideways.
+/// A curvature bound that the cubic spiral with both ends fixed violates, and the spiral that satisfies it with its end
+/// moved sideways.
 pub(super) fn bound() -> String {
     let end = Pose::new(13.0, 5.0, 0.0);
-    let free = connect(0.0, &end, 0.0).ok();
-    let held = connect_bounded(0.0, &end, 0.0, BOUND).ok();
+    let unbounded = connect(0.0, &end, 0.0).ok();
+    let bounded = connect_bounded(0.0, &end, 0.0, BOUND).ok();
     let mut drawn = Vec::new();
-    if let Some(spiral) = free {
-        drawn.push(Drawn::new(Curve::Cubic(spiral), colour(Method::CubicNewton), 2.2));
+    if let Some(spiral) = unbounded {
+        drawn.push(StyledCurve::new(Curve::Cubic(spiral), colour(Method::CubicNewton), 2.2));
     }
-    if let Some(found) = held {
-        drawn.push(Drawn::new(Curve::Cubic(found.spiral), colour(Method::CubicBounded), 2.6));
+    if let Some(found) = bounded {
+        drawn.push(StyledCurve::new(Curve::Cubic(found.spiral), colour(Method::CubicBounded), 2.6));
     }
-    let slide = held.map_or(0.0, |h| h.end_error);
-    let reached = Pose { position: end.position + end.left() * slide, ..end };
-    let about = "5 m to the left within 13 m: pinned at both ends the spiral bends too much; a convex program keeps |κ| ≤ \
-                 0.12 1/m at every point and slides the end as little as that takes";
+    let shift = bounded.map_or(0.0, |h| h.end_error);
+    let reached = Pose { position: end.position + end.left() * shift, ..end };
+    let about = "5 m to the left within 13 m: with both ends fixed the spiral violates the bound; a convex program keeps |κ| ≤ \
+                 0.12 1/m at every point and moves the end as little as possible";
     let (plane, panel) = (band(0.0, 440.0), band(0.0, 270.0));
-    sheet("A curvature bound that bites", about, plane.height + LEGEND + panel.height + 16.0, |svg, top| {
+    sheet("An active curvature bound", about, plane.height + LEGEND + panel.height + 16.0, |svg, top| {
         let plane = Area { corner: (MARGIN, top), ..plane };
         let view = View::new(bounds((-1.5, -0.8), (17.0, 5.8)), plane);
         framed(svg, "plane", &view, style::PANEL, |svg| {
@@ -174,17 +175,17 @@ pub(super) fn bound() -> String {
             svg.add(&stroke(Element::line(from, to), style::ALARM, 1.4).with("stroke-dasharray", "4 3"));
             pose_mark(svg, &view, &end, colour(Method::CubicNewton));
             pose_mark(svg, &view, &reached, colour(Method::CubicBounded));
-            label(svg, (from.0 + 34.0, from.1 + 4.0), "start", style::INK, "wanted end");
+            label(svg, (from.0 + 34.0, from.1 + 4.0), "start", style::INK, "requested end");
             let middle = (from.0 + 8.0, 0.5 * (from.1 + to.1) + 4.0);
-            label(svg, middle, "start", style::ALARM, &format!("slid {:.2} m", slide.abs()));
-            label(svg, (to.0 + 34.0, to.1 + 4.0), "start", style::INK, "reached within the bound");
+            label(svg, middle, "start", style::ALARM, &format!("moved {:.2} m", shift.abs()));
+            label(svg, (to.0 + 34.0, to.1 + 4.0), "start", style::INK, "end within the bound");
             scale_bar(svg, &view);
         });
         let entries = [
-            (Mark::Line(colour(Method::CubicNewton), "", 2.2), "cubic spiral, pinned at both ends (Newton)".into()),
+            (Mark::Line(colour(Method::CubicNewton), "", 2.2), "cubic spiral, both ends fixed (Newton)".into()),
             (
                 Mark::Line(colour(Method::CubicBounded), "", 2.6),
-                "cubic spiral under the bound (second-order cones)".into(),
+                "cubic spiral within the bound (second-order cones)".into(),
             ),
             (Mark::Line(style::ALARM, "5 4", 1.0), "bound".into()),
         ];
@@ -199,16 +200,16 @@ fn bound_line(value: f64, label: &'static str) -> LimitLine {
     LimitLine { value, label, colour: style::ALARM }
 }
 
-/// The kinds of curves between the same two ends, and what the free tangent length does to the polynomial.
-pub(super) fn beside_each_other() -> String {
+/// All kinds of curves between the same two poses, and the effect of the tangent length on the polynomial.
+pub(super) fn side_by_side() -> String {
     let problem = LatticeProblem { start_curvature: 0.04, end: Pose::new(30.0, 7.0, -0.5), end_curvature: 0.06 };
     let methods = [Method::PolynomialLeastBending, Method::PolynomialChord, Method::QuinticSpiral, Method::CubicNewton];
-    let drawn: Vec<Drawn> = methods
+    let drawn: Vec<StyledCurve> = methods
         .iter()
-        .filter_map(|m| m.solve(&problem).map(|Answer { curve, .. }| Drawn::new(curve, colour(*m), 2.2)))
+        .filter_map(|m| m.solve(&problem).map(|Answer { curve, .. }| StyledCurve::new(curve, colour(*m), 2.2)))
         .collect();
-    let about = "the same two poses and end curvatures; only the spirals stay below 0.12 1/m, and no tangent length brings \
-                 the polynomial path down to them";
+    let about = "the same poses and end curvatures; only the spirals stay below 0.12 1/m, and no tangent length \
+                 lowers the polynomial's curvature to theirs";
     let (plane, panel) = (band(0.0, 430.0), 290.0);
     sheet("Spirals and polynomial paths", about, plane.height + LEGEND + panel + 16.0, |svg, top| {
         let plane = Area { corner: (MARGIN, top), ..plane };
@@ -234,15 +235,15 @@ pub(super) fn beside_each_other() -> String {
 
 fn described(method: Method) -> &'static str {
     match method {
-        Method::CubicNewton => "cubic spiral, all pinned",
+        Method::CubicNewton => "cubic spiral, both ends fixed",
         Method::QuinticSpiral => "quintic spiral, least bending energy",
-        Method::PolynomialChord => "quintic polynomial, tangents of one chord",
-        Method::PolynomialLeastBending => "quintic polynomial, tangents searched",
+        Method::PolynomialChord => "quintic polynomial, tangents of chord length",
+        Method::PolynomialLeastBending => "quintic polynomial, tangents optimised",
         _ => method.label(),
     }
 }
 
-/// Largest curvature of the polynomial path over its tangent length, beside that of the spiral.
+/// Largest curvature of the polynomial path over its tangent length, compared with that of the spiral.
 fn sensitivity(problem: &LatticeProblem) -> Panel {
     /// Range of tangent lengths over the chord, and the largest curvature shown, 1/m.
     const RATIOS: (f64, f64) = (0.5, 2.0);
@@ -268,10 +269,10 @@ fn sensitivity(problem: &LatticeProblem) -> Panel {
     Panel {
         title: "Largest |curvature| by tangent length, 1/m",
         id: "sensitivity",
-        key: vec![("quintic polynomial", colour(Method::PolynomialChord))],
+        legend: vec![("quintic polynomial", colour(Method::PolynomialChord))],
         curves: vec![line],
         limits: vec![LimitLine { value: level, label: "cubic spiral", colour: colour(Method::CubicNewton) }],
-        across: RATIOS,
+        x: RATIOS,
         axis: "tangent length over chord",
         at_least: (0.0, 0.2),
     }

@@ -1,4 +1,4 @@
-//! The conformal lattice on a road with obstacles, and the swept footprint of the chain that was chosen.
+//! The conformal lattice on a road with obstacles, and the swept footprint of the cheapest path.
 
 use super::{LEGEND, band, dot, framed, label, legend_row, sheet, stroke};
 use crate::collision::{CollisionSettings, CollisionWorld, Margins, Sweep};
@@ -15,16 +15,16 @@ use crate::reference::{ReferenceLine, ReferenceSettings};
 use crate::route::{RouteOutcome, RouteSettings, plan};
 use crate::vehicle::Vehicle;
 
-/// Where the picture's chains start, m of the reference line, and how far they look.
+/// Station of the reference line at which the lattice starts, and its horizon, m.
 const START: f64 = 33.0;
 const HORIZON: f64 = 75.0;
-/// Speed there, m/s: it decides how long the edges are.
+/// Speed at the start, m/s: it determines the length of the edges.
 const SPEED: f64 = 8.0;
-/// Clearance from which on an edge has the colour of plenty, m.
-const PLENTY: f64 = 2.0;
+/// Clearance at the upper end of the colour scale, m.
+const AMPLE_CLEARANCE: f64 = 2.0;
 
-/// What both pictures show.
-pub(super) struct Stage<'a> {
+/// The contents of both pictures.
+pub(super) struct LatticeScene<'a> {
     scenario: &'a Scenario,
     vehicle: &'a Vehicle,
     world: CollisionWorld,
@@ -32,16 +32,16 @@ pub(super) struct Stage<'a> {
     settings: Settings,
 }
 
-/// An edge, and how it stands.
+/// A lattice edge.
 struct Edge {
     points: Vec<Point>,
-    /// Distance that it keeps from what is static and from the road's edge, m.
+    /// Clearance to static obstacles and to the road boundary, m.
     clearance: f64,
     blocked: bool,
 }
 
-impl<'a> Stage<'a> {
-    /// `None` where no reference line runs from the scenario's first planning problem.
+impl<'a> LatticeScene<'a> {
+    /// `None` if the scenario's first planning problem has no reference line.
     pub(super) fn new(scenario: &'a Scenario, vehicle: &'a Vehicle) -> Option<Self> {
         let problem = scenario.problems.first()?;
         let look = RouteSettings::default();
@@ -65,7 +65,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// The cheapest chain of the lattice.
+    /// The cheapest path of the lattice.
     fn chosen(&self) -> Option<LatticePath> {
         let start = self.reference.offset_pose(START, 0.0)?;
         let allowance = crate::collision::Allowance::NONE;
@@ -74,7 +74,7 @@ impl<'a> Stage<'a> {
         paths(&self.context(), &root, SPEED, HORIZON, &self.settings, &mut store).into_iter().next()
     }
 
-    /// The nodes of each layer that the chain passes through, beginning with its start.
+    /// The nodes of each layer of the path, beginning with its start.
     fn layers(&self, chain: &LatticePath) -> Vec<Vec<PathPoint>> {
         let ends = chain.path.pieces().map(|(_, start, _)| start.position);
         let last = chain.path.at(chain.path.length()).pose.position;
@@ -113,7 +113,7 @@ impl<'a> Stage<'a> {
             return None;
         }
         let sweep = self.world.sweep(&from.pose, &spiral);
-        let clearance = self.world.clearance(&sweep, PLENTY);
+        let clearance = self.world.clearance(&sweep, AMPLE_CLEARANCE);
         Some(Edge {
             points: spiral.samples(&from.pose, 40).map(|(_, p)| p.pose.position).collect(),
             clearance: clearance.obstacle.min(clearance.road),
@@ -130,17 +130,17 @@ impl<'a> Stage<'a> {
         });
     }
 
-    /// The lattice with the chain that won.
+    /// The lattice and the cheapest path.
     pub(super) fn lattice(&self) -> String {
-        let about = "nodes at stations × offsets of the reference line; every edge is a cubic spiral with its swept footprint \
-                     checked; the cheapest chain passes left, then right";
+        let about = "nodes at stations × offsets of the reference line; every edge is a cubic spiral whose swept footprint is \
+                     checked; the cheapest path passes left, then right";
         let plane = band(0.0, 236.0);
         sheet("A conformal lattice on a slalom", about, plane.height + 2.0 * LEGEND, |svg, top| {
             let plane = Area { corner: (MARGIN, top), ..plane };
             let chain = self.chosen();
             let layers = chain.as_ref().map_or_else(Vec::new, |c| self.layers(c));
             let nodes: Vec<Point> = layers.iter().flatten().map(|n| n.pose.position).collect();
-            let bounds = Bounds::around(&nodes).map(|b| b.grown(2.6));
+            let bounds = Bounds::around(&nodes).map(|b| b.expanded(2.6));
             let Some(bounds) = bounds else { return };
             let view = View::new(bounds, plane);
             framed(svg, "plane", &view, style::GROUND, |svg| {
@@ -160,14 +160,14 @@ impl<'a> Stage<'a> {
             });
             let line = |colour, dash, width, text: &str| (Mark::Line(colour, dash, width), text.to_owned());
             let first = [
-                line(style::DRIVEN, "", 3.0, "cheapest chain"),
-                line(style::ALARM, "2 3", 1.0, "blocked edge: meets a car or leaves the road, margins included"),
+                line(style::DRIVEN, "", 3.0, "cheapest path"),
+                line(style::ALARM, "2 3", 1.0, "blocked edge: collides or leaves the road, margins included"),
                 (Mark::Box(style::STATIC, "1"), "parked car".into()),
             ];
             legend_row(svg, (MARGIN, top + plane.height), &first);
             let second = [
-                line(style::VIRIDIS_LOW, "", 1.6, "free edge, close to something"),
-                line(style::VIRIDIS_HIGH, "", 1.6, "free edge with 2 m to spare"),
+                line(style::VIRIDIS_LOW, "", 1.6, "free edge, small clearance"),
+                line(style::VIRIDIS_HIGH, "", 1.6, "free edge, clearance of 2 m or more"),
             ];
             legend_row(svg, (MARGIN, top + plane.height + LEGEND - 4.0), &second);
         })
@@ -175,8 +175,8 @@ impl<'a> Stage<'a> {
 
     /// The swept footprint beside the first obstacle.
     pub(super) fn sweep(&self) -> String {
-        let about = "cells of half a metre, each the hull of the vehicle's rectangle at its two ends, grown by ε: no pose between \
-                     the samples reaches out of them";
+        let about = "cells of half a metre, each the hull of the vehicle's rectangle at its two ends, inflated by ε: they contain \
+                     the vehicle at every pose between the samples";
         let plane = band(0.0, 520.0);
         sheet("A swept footprint", about, plane.height + LEGEND, |svg, top| {
             let plane = Area { corner: (MARGIN, top), ..plane };
@@ -197,9 +197,9 @@ impl<'a> Stage<'a> {
             self.close_up(svg, &view, &chain);
             let entries = [
                 (Mark::Box(style::PLAN, "0.45"), "swept footprint, all cells".into()),
-                (Mark::Line(style::VULNERABLE, "", 1.8), "one cell, its two ends dashed".into()),
-                (Mark::Box(style::WANTED, "0.3"), "margin to obstacles, 0.2 m".into()),
-                (Mark::Line(style::INK, "", 1.4), "truth: the corners, each 5 cm".into()),
+                (Mark::Line(style::VULNERABLE, "", 1.8), "one cell, its two end poses dashed".into()),
+                (Mark::Box(style::REFERENCE, "0.3"), "margin to obstacles, 0.2 m".into()),
+                (Mark::Line(style::INK, "", 1.4), "exact: the corners, every 5 cm".into()),
                 (Mark::Line(style::DRIVEN, "", 1.8), "rear axle".into()),
                 (Mark::Box(style::STATIC, "1"), "parked car".into()),
             ];
@@ -207,11 +207,12 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// Cells, margins and dense truth. Each of the first two has its opacity as a group: overlaps do not add up.
+    /// Cells, margins and densely sampled corners. Each of the first two has its opacity as a group: overlaps do not
+    /// add up.
     fn swept(&self, svg: &mut Svg, view: &View, chain: &LatticePath) {
         let margins = CollisionSettings::default().static_obstacles;
         let flat = |colour, opacity| Element::new("g").with("fill", colour).with("opacity", opacity);
-        each_cell(svg, view, chain, &margins, &flat(style::WANTED, "0.3"));
+        each_cell(svg, view, chain, &margins, &flat(style::REFERENCE, "0.3"));
         each_cell(svg, view, chain, &Margins::NONE, &flat(style::PLAN, "0.75"));
         for trace in self.corner_traces(chain) {
             svg.add(&stroke(view.line(&trace), style::INK, 1.2));
@@ -220,7 +221,7 @@ impl<'a> Stage<'a> {
         svg.add(&stroke(view.line(&points), style::DRIVEN, 1.8));
     }
 
-    /// The cell beside `place` with the rectangles that it is the hull of.
+    /// The cell beside `place` and the rectangles of which it is the hull.
     fn one_cell(&self, svg: &mut Svg, view: &View, chain: &LatticePath, place: Point) {
         let mut before = 0.0;
         let mut cells: Vec<(Vec<Point>, [f64; 2])> = Vec::new();
@@ -248,20 +249,20 @@ impl<'a> Stage<'a> {
         [(rear, -side), (front, -side), (front, side), (rear, side)].map(|(x, y)| Point::new(x, y))
     }
 
-    /// Where the four corners of the vehicle run, densely.
+    /// Densely sampled traces of the vehicle's four corners.
     fn corner_traces(&self, chain: &LatticePath) -> [Vec<Point>; 4] {
         const SPACING: f64 = 0.05;
         let poses = chain.path.sampled(SPACING);
         self.corners().map(|corner| poses.iter().map(|(_, p)| p.pose.to_world(corner)).collect())
     }
 
-    /// A window, enlarged, on the corner that swings out in the sharpest bend in view: there the truth comes nearest to
-    /// the edge of what is covered.
+    /// An enlarged view of the corner that swings out in the tightest visible curve: there the exact trace is closest
+    /// to the edge of the swept footprint.
     fn close_up(&self, svg: &mut Svg, view: &View, chain: &LatticePath) {
         const ZOOM: f64 = 32.0;
         let poses = chain.path.sampled(0.05);
-        let seen = poses.iter().map(|(_, p)| p).filter(|p| view.bounds.grown(-1.5).shows([&p.pose.position]));
-        let sharpest = seen.max_by(|a, b| a.curvature.abs().total_cmp(&b.curvature.abs()));
+        let visible = poses.iter().map(|(_, p)| p).filter(|p| view.bounds.expanded(-1.5).shows([&p.pose.position]));
+        let sharpest = visible.max_by(|a, b| a.curvature.abs().total_cmp(&b.curvature.abs()));
         let Some(sharpest) = sharpest else { return };
         let [_, front_right, front_left, _] = self.corners();
         let outer = if sharpest.curvature > 0.0 { front_right } else { front_left };
@@ -298,7 +299,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Free edges by clearance, the close ones first so that the open ones stay visible; blocked ones below all.
+/// Free edges by clearance, ascending, so that edges with more clearance are on top; blocked ones below all.
 fn edges_of(svg: &mut Svg, view: &View, edges: &[Edge]) {
     let blocked = Element::new("g").with("id", "blocked-edges").with("stroke", style::ALARM).num("stroke-width", 0.5);
     svg.group(&blocked.with("stroke-dasharray", "2 3").with("stroke-opacity", "0.5"), |svg| {
@@ -308,13 +309,13 @@ fn edges_of(svg: &mut Svg, view: &View, edges: &[Edge]) {
     free.sort_by(|a, b| a.clearance.total_cmp(&b.clearance));
     svg.group(&Element::new("g").with("id", "free-edges").num("stroke-width", 0.8), |svg| {
         for edge in free {
-            let colour = style::hex(style::viridis(edge.clearance / PLENTY));
+            let colour = style::hex(style::viridis(edge.clearance / AMPLE_CLEARANCE));
             svg.add(&view.line(&edge.points).with("stroke", &colour));
         }
     });
 }
 
-/// The footprint of each cell that the view shows.
+/// The footprint of each visible cell.
 fn each_cell(svg: &mut Svg, view: &View, chain: &LatticePath, margins: &Margins, group: &Element) {
     svg.group(group, |svg| {
         let cells = |sweep: &Sweep| (0..sweep.cells()).map(|cell| sweep.footprint(cell, margins)).collect::<Vec<_>>();

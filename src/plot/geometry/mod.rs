@@ -1,7 +1,7 @@
-//! The pictures of `docs/geometry.md`: curves, lattice and sweeps, each from the code that the planner runs.
+//! The pictures of `docs/geometry.md`: curves, lattice and sweeps, drawn with the planner's code.
 //!
-//! [`pictures`] makes them all; `cargo run --release --example geometry_page` writes them where the page expects them.
-//! The same program gives the same bytes, which a test holds against the committed files.
+//! [`pictures`] draws them all; `cargo run --release --example geometry_page` writes them to the page's folder. The
+//! output is reproducible; a test compares it with the committed files.
 
 mod comparison;
 mod curves;
@@ -17,19 +17,19 @@ use super::{CONTENT, MARGIN, Mark, PAGE_WIDTH};
 use crate::map::Scenario;
 use crate::vehicle::Vehicle;
 
-/// Every picture of the page with the name of its file. Lattice and sweep are those on the slalom of `maps/`, driven by the
-/// vehicle given; they are left out where no lane leads from the scenario's first planning problem.
+/// All pictures of the page with their file names. Lattice and sweep use the slalom of `maps/` and the given vehicle;
+/// they are omitted if the scenario's first planning problem has no route.
 #[must_use]
 pub fn pictures(slalom: &Scenario, vehicle: &Vehicle) -> Vec<(&'static str, String)> {
     let measured = crate::bench::spirals::compare(&crate::bench::spirals::Settings::default());
     let mut all = vec![
         ("fan.svg", curves::fan()),
         ("bound.svg", curves::bound()),
-        ("curves.svg", curves::beside_each_other()),
+        ("curves.svg", curves::side_by_side()),
         ("comparison.svg", comparison(&measured)),
     ];
-    if let Some(stage) = lattice::Stage::new(slalom, vehicle) {
-        all.extend([("lattice.svg", stage.lattice()), ("sweep.svg", stage.sweep())]);
+    if let Some(scene) = lattice::LatticeScene::new(slalom, vehicle) {
+        all.extend([("lattice.svg", scene.lattice()), ("sweep.svg", scene.sweep())]);
     }
     all
 }
@@ -39,7 +39,7 @@ const HEAD: f64 = 52.0;
 /// Height of a legend's row, px.
 const LEGEND: f64 = 28.0;
 
-/// A page with title and a line about it, `height` px of content below, which `draw` fills from the `top` given to it.
+/// A page with a title, a subtitle and `height` px of content, drawn by `draw` from the given `top` on.
 pub(super) fn sheet(title: &str, about: &str, height: f64, draw: impl FnOnce(&mut Svg, f64)) -> String {
     let (top, page_height) = (MARGIN + HEAD, MARGIN + HEAD + height + MARGIN);
     let mut svg = Svg::new(PAGE_WIDTH, page_height);
@@ -54,18 +54,18 @@ pub(super) fn sheet(title: &str, about: &str, height: f64, draw: impl FnOnce(&mu
     svg.finish()
 }
 
-/// The whole width of the page from `top` on.
+/// The full content width of the page from `top` on.
 fn band(top: f64, height: f64) -> Area {
     Area { corner: (MARGIN, top), width: CONTENT, height }
 }
 
-/// A view of the plane, clipped to its area, on a context of the given colour.
-fn framed(svg: &mut Svg, id: &str, view: &View, context: &str, draw: impl FnOnce(&mut Svg)) {
+/// A view of the plane, clipped to its area, on a background colour.
+fn framed(svg: &mut Svg, id: &str, view: &View, background: &str, draw: impl FnOnce(&mut Svg)) {
     let (area, clip) = (view.area, format!("clip-{id}"));
     let rect = || Element::rect(area.corner, area.width, area.height).num("rx", 4.0);
     svg.group(&Element::new("clipPath").with("id", &clip), |svg| svg.add(&rect()));
     svg.group(&Element::new("g").with("id", id).with("clip-path", &format!("url(#{clip})")), |svg| {
-        svg.add(&rect().with("fill", context));
+        svg.add(&rect().with("fill", background));
         draw(svg);
     });
 }
@@ -80,8 +80,8 @@ fn metre_grid(svg: &mut Svg, view: &View, step: f64) {
         |from: f64, to: f64| ((from / step).ceil() as i64..=(to / step).floor() as i64).map(|i| i as f64 * step);
     svg.group(&Element::new("g").with("stroke", style::GRID).num("stroke-width", 1.0), |svg| {
         for x in multiples(low.x, high.x) {
-            let across = left + view.scale * (x - low.x);
-            svg.add(&Element::line((across, top), (across, bottom)));
+            let column = left + view.scale * (x - low.x);
+            svg.add(&Element::line((column, top), (column, bottom)));
         }
         for y in multiples(low.y, high.y) {
             let level = top + view.scale * (high.y - y);
@@ -90,7 +90,7 @@ fn metre_grid(svg: &mut Svg, view: &View, step: f64) {
     });
 }
 
-/// A row of samples with their names.
+/// A legend row: symbols with their names.
 pub(super) fn legend_row(svg: &mut Svg, (left, top): Page, entries: &[(Mark, String)]) {
     svg.group(
         &Element::new("g").with("class", "legend").num("font-size", 11.5).with("fill", style::FAINT_INK),
@@ -105,12 +105,12 @@ pub(super) fn legend_row(svg: &mut Svg, (left, top): Page, entries: &[(Mark, Str
     );
 }
 
-/// A line of a picture.
+/// Sets colour and width of a line.
 fn stroke(element: Element, colour: &str, width: f64) -> Element {
     element.with("stroke", colour).num("stroke-width", width).with("stroke-linejoin", "round")
 }
 
-/// Text on the drawing, with a halo that keeps it readable on lines.
+/// Text on the drawing, with a halo that keeps it readable over lines.
 fn label(svg: &mut Svg, place: Page, anchor: &str, colour: &str, text: &str) {
     let element = Element::new("text").num("x", place.0).num("y", place.1).num("font-size", 12.0);
     let element = element.with("text-anchor", anchor).with("fill", colour).with("stroke", style::PANEL);
@@ -118,7 +118,7 @@ fn label(svg: &mut Svg, place: Page, anchor: &str, colour: &str, text: &str) {
     svg.add_text(&halo, text);
 }
 
-/// A dot at a place of the page, with an edge of its own.
+/// A dot on the page, with an outline.
 fn dot(svg: &mut Svg, (x, y): Page, radius: f64, fill: &str, edge: &str) {
     let circle = Element::new("circle").num("cx", x).num("cy", y).num("r", radius).with("fill", fill);
     svg.add(&circle.with("stroke", edge).num("stroke-width", 1.2));
@@ -129,19 +129,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_picture_of_curves_is_sound() {
-        for (name, svg) in [("fan", curves::fan()), ("bound", curves::bound()), ("curves", curves::beside_each_other())]
-        {
+    fn every_picture_of_curves_is_valid() {
+        for (name, svg) in [("fan", curves::fan()), ("bound", curves::bound()), ("curves", curves::side_by_side())] {
             let read = roxmltree::Document::parse(&svg).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
             let mut ids: Vec<&str> = read.descendants().filter_map(|n| n.attribute("id")).collect();
             ids.sort_unstable();
-            assert!(ids.windows(2).all(|w| w[0] != w[1]), "{name}: an id twice: {ids:?}");
+            assert!(ids.windows(2).all(|w| w[0] != w[1]), "{name}: a duplicate id: {ids:?}");
         }
     }
 
     #[test]
-    fn a_comparison_of_one_problem_is_drawn_too() {
+    fn draws_a_comparison_of_one_problem() {
         let settings = crate::bench::spirals::Settings { seed: 7, problems: 1 };
         let svg = comparison(&crate::bench::spirals::compare(&settings));
         assert!(roxmltree::Document::parse(&svg).is_ok() && !svg.contains("NaN"), "{svg}");

@@ -1,4 +1,4 @@
-//! The report with everything in it, for programs and for replays.
+//! The complete report, for programs and for replays.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,11 @@ use sha2::{Digest as _, Sha256};
 
 use crate::regression::{DriveReport, Status, Summary};
 
-/// The report's `format`.
+/// The `format` of the report.
 pub const FORMAT: &str = "stopline.check/2";
 
-/// All suites with all drives. Settings stand once in `configs`, as TOML under a short hash: JSON has no infinity.
+/// All suites with all drives. `configs` contains each settings file once, by a short hash of it. The settings are TOML,
+/// because JSON has no infinity.
 #[must_use]
 pub fn json(suites: &[Summary]) -> String {
     let mut configs = BTreeMap::new();
@@ -46,7 +47,7 @@ fn drive<'a>(drive: &'a DriveReport, configs: &mut BTreeMap<String, &'a str>) ->
         "config": config,
         "inputs": drive.inputs,
         "status": drive.status.name(),
-        "expected_fail": drive.expected_fail,
+        "expected_failure": drive.expected_failure,
         "failures": failures,
         "error": drive.error.as_ref().map(|e| json!({ "kind": e.kind.name(), "message": e.message })),
         "repetitions": drive.measured.as_ref().map(|m| m.hashes.len()),

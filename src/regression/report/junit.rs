@@ -1,16 +1,16 @@
-//! JUnit XML, as CI systems read it: `failure` is a verdict or an expectation, `error` a tool or an input.
+//! JUnit XML for CI systems: `failure` is an expectation that is not met, `error` an input or a fault of the program.
 //!
-//! A drive that fails as expected is `skipped`, with the reason: that is how the format's readers show it. Figures are
-//! properties of the test case. There is no `time`: reports of equal runs are equal.
+//! An expected failure is `skipped`, with its reason, as in other tools. Metrics are properties of the test case. There is
+//! no `time`: reports of equal runs are equal.
 
 use quick_junit::{NonSuccessKind, Property, Report, TestCase, TestCaseStatus, TestSuite};
 
 use crate::regression::{DriveReport, Status, Summary};
 
-/// All suites as one document; one `testsuite` each.
+/// All suites as one document with a `testsuite` each.
 ///
 /// # Errors
-/// The document cannot be made: a fault of the program.
+/// The document cannot be written: a fault of the program.
 pub fn junit(suites: &[Summary]) -> Result<String, quick_junit::SerializeError> {
     let mut report = Report::new("stopline check");
     for summary in suites {
@@ -26,13 +26,13 @@ pub fn junit(suites: &[Summary]) -> Result<String, quick_junit::SerializeError> 
 }
 
 fn case(summary: &Summary, drive: &DriveReport) -> TestCase {
-    let complaints = drive.complaints();
-    let first = complaints.first().cloned().unwrap_or_default();
+    let problems = drive.problems();
+    let first = problems.first().cloned().unwrap_or_default();
     let status = match drive.status {
         Status::Pass => TestCaseStatus::success(),
-        Status::ExpectedFail => {
+        Status::ExpectedFailure => {
             let mut skipped = TestCaseStatus::skipped();
-            skipped.set_message(format!("expected to fail: {}", drive.expected_fail.as_deref().unwrap_or_default()));
+            skipped.set_message(format!("expected failure: {}", drive.expected_failure.as_deref().unwrap_or_default()));
             skipped
         }
         Status::Fail | Status::UnexpectedPass | Status::Error => {
@@ -41,7 +41,7 @@ fn case(summary: &Summary, drive: &DriveReport) -> TestCase {
             let class = drive.error.as_ref().map(|e| e.kind.name());
             let class = class.or_else(|| drive.failures.first().map(|f| f.kind.name())).unwrap_or_default();
             let mut status = TestCaseStatus::non_success(kind);
-            status.set_message(first).set_type(class).set_description(complaints.join("\n"));
+            status.set_message(first).set_type(class).set_description(problems.join("\n"));
             status
         }
     };
@@ -52,7 +52,7 @@ fn case(summary: &Summary, drive: &DriveReport) -> TestCase {
     case.add_property(text("seed", &drive.seed.to_string()));
     case.add_properties(drive.outcome().map(|outcome| text("outcome", outcome)));
     case.add_properties(drive.hash().map(|hash| text("hash", hash)));
-    let figures = drive.figures().into_iter().filter_map(|(name, value)| Some((name, value?)));
-    case.add_properties(figures.map(|(name, value)| text(&name, &value.to_string())));
+    let metrics = drive.metrics().into_iter().filter_map(|(name, value)| Some((name, value?)));
+    case.add_properties(metrics.map(|(name, value)| text(&name, &value.to_string())));
     case
 }

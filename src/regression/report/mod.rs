@@ -1,7 +1,7 @@
 //! Reports of suites: JSON, JUnit XML, Markdown, HTML.
 //!
-//! The same drives give the same bytes, whatever the number of jobs and however long it took: nothing here reads a
-//! clock. Text from files (ids, notes, messages) is escaped as each format asks for.
+//! Equal results give equal bytes, for every number of jobs: no report contains wall-clock times. Each report escapes
+//! text from files (ids, notes, messages) for its format.
 
 mod html;
 mod json;
@@ -13,8 +13,8 @@ pub use json::{FORMAT, json};
 pub use junit::junit;
 pub use markdown::markdown;
 
-/// Figures shown of every drive, with a heading and a unit; the JSON has all.
-const SHOWN: [(&str, &str); 6] = [
+/// The metrics in the table of all drives, with heading and unit; the JSON contains all metrics.
+const COLUMNS: [(&str, &str); 6] = [
     ("duration_s", "duration, s"),
     ("mean_speed_mps", "mean speed, m/s"),
     ("min_clearance_m", "clearance, m"),

@@ -1,39 +1,42 @@
-//! The lateral vehicle model read backwards: which steering drives the rear axle along a path.
+//! The inverse lateral vehicle model: the steering angle that moves the rear axle along a path.
 //!
-//! The rear axle's path determines the motion of a single-track model (it is nearly a flat output), so nothing is
-//! integrated. At a station s, to the left positive, with speed v, path curvature κ, wheelbase L, b from the rear axle to
-//! the centre of mass, a = L − b, radius of gyration k:
+//! The rear axle's path determines the motion of a single-track model (its position is nearly a flat output), so
+//! nothing is integrated. At a station s, left positive, with speed v, path curvature κ, wheelbase L, distance b from
+//! the rear axle to the centre of mass, a = L − b and radius of gyration k:
 //!
-//! - slip angle of the rear axle α_r: the body points inwards of its path by it, so it turns with κ + dα_r/ds, and its yaw
-//!   acceleration is ṙ = v² (dκ/ds + d²α_r/ds²);
-//! - lateral force of an axle over the mass that rests on it: front v² κ + (b + k²/b) ṙ, rear v² κ + (b − k²/a) ṙ, where the
-//!   rear one leaves d²α_r/ds² out, since its arm is short;
-//! - slip angle for a force: the brush curve inverted, tan α = 3 μ/c · (1 − ∛(1 − ρ)) · ρ_y/ρ with the share ρ of the grip that
-//!   side force ρ_y and the pull of drive or brakes take together; loads as the acceleration shifts them. All of it is read
-//!   ahead by the relaxation length, on which slip builds up its force;
-//! - the front wheels' angle δ = atan(L (κ + dα_r/ds) − tan α_r) + α_f.
+//! - slip angle of the rear axle α_r: the body points inwards of its path by this angle, so it turns with κ + dα_r/ds,
+//!   and its yaw acceleration is ṙ = v² (dκ/ds + d²α_r/ds²);
+//! - lateral force of an axle over the mass it carries: front v² κ + (b + k²/b) ṙ, rear v² κ + (b − k²/a) ṙ; the rear
+//!   one neglects d²α_r/ds², since its lever is short;
+//! - slip angle for a force: the inverted brush curve, tan α = 3 μ/c · (1 − ∛(1 − ρ)) · ρ_y/ρ, with the share ρ of the
+//!   grip that side force ρ_y and longitudinal force use together; loads include the longitudinal transfer. All of this
+//!   is evaluated one relaxation length ahead, over which slip builds up its force;
+//! - angle of the front wheels: δ = atan(L (κ + dα_r/ds) − tan α_r) + α_f.
 //!
-//! Derivatives are differences over some distance, since those of curvature jump where spirals meet.
-//! Weak where: friction is the vehicle's own, v² dκ/ds leaves out the change of speed, and hard braking counts as a firm one
-//! ([`FIRM`]). Near the limit the inversion is ill-conditioned: a little force asks for much slip, and how anti-lock splits the
-//! brakes is not known here. Tried, it steered worse in emergency braking, and feedback does better.
+//! Derivatives are differences over a finite distance, since those of curvature jump where spirals meet.
+//!
+//! Limitations: friction is the vehicle's nominal one, v² dκ/ds neglects the change of speed, and accelerations beyond
+//! ±[`MAX_ACCELERATION`] are clamped. Near the grip limit the inversion is ill-conditioned: a small force requires a
+//! large slip, and the brake distribution of anti-lock is unknown here. Without the clamp, steering in emergency
+//! braking was worse; the feedback does better.
 
 use super::super::chassis::GRAVITY;
 use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
-/// Share of the grip beyond which slip is not raised any further: the flatter the curve, the less a force says about slip.
+/// Largest share of the grip that is inverted: the flatter the curve, the less a force determines slip.
 const LARGEST_SHARE: f64 = 0.7;
-/// Largest acceleration and deceleration whose effect on grip and loads is counted, m/s²: a quarter of a dry road's.
-const FIRM: f64 = 2.5;
-/// Time to either side over which first derivatives are taken, s: half of a steering's lag, which smooths the rest.
+/// Largest acceleration and deceleration whose effect on grip and loads is modelled, m/s²: a quarter of the grip of a
+/// dry road.
+const MAX_ACCELERATION: f64 = 2.5;
+/// Half-width in time of first differences, s: half of a typical steering lag, which smooths what remains.
 const SPAN_TIME: f64 = 0.04;
-/// The same for second ones.
+/// Half-width in time of second differences, s.
 const WIDE_SPAN_TIME: f64 = 0.15;
-/// Shortest distance to either side over which derivatives are taken, m.
+/// Smallest half-width of differences, m.
 const SPAN_LENGTH: f64 = 0.05;
 
-/// How the vehicle is driven at a moment.
+/// Longitudinal motion of the vehicle at one instant.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drive {
     /// Speed, not negative, m/s.
@@ -44,7 +47,7 @@ pub(super) struct Drive {
     pub(super) effort: f64,
 }
 
-/// The model for one moment.
+/// The model at one instant.
 pub(super) struct Inverse<'a> {
     vehicle: &'a Vehicle,
     path: &'a Path,
@@ -53,15 +56,15 @@ pub(super) struct Inverse<'a> {
     rear: Axle,
 }
 
-/// An axle at a moment. Forces are over the mass that rests on it.
+/// An axle at one instant. Forces are over the mass that it carries.
 #[derive(Debug, Clone, Copy)]
 struct Axle {
-    /// Part of the yaw acceleration that is in its lateral force, m.
+    /// Lateral force per yaw acceleration, over the mass that the axle carries, m.
     arm: f64,
     /// Full grip, m/s².
     grip: f64,
-    /// Pull of drive or brakes over the grip.
-    pull: f64,
+    /// Force of drive or brakes over the grip.
+    longitudinal: f64,
     /// 3 μ/c: tangent of the slip angle at which the whole patch slides.
     sliding: f64,
 }
@@ -70,60 +73,65 @@ impl<'a> Inverse<'a> {
     pub(super) fn new(vehicle: &'a Vehicle, path: &'a Path, drive: Drive) -> Self {
         let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
         let (a, tyres, actuators) = (base - b, &vehicle.tyres, &vehicle.actuators);
-        let (acceleration, effort) = (drive.acceleration.clamp(-FIRM, FIRM), drive.effort.clamp(-FIRM, FIRM));
+        let (acceleration, effort) = (
+            drive.acceleration.clamp(-MAX_ACCELERATION, MAX_ACCELERATION),
+            drive.effort.clamp(-MAX_ACCELERATION, MAX_ACCELERATION),
+        );
         let front_share = if effort > 0.0 { actuators.drive_front_share } else { actuators.brake_front_share };
-        // the share of the mass on an axle is the other axle's lever over the wheelbase
+        // an axle carries the share of the mass given by the other axle's lever over the wheelbase
         let axle = |arm: f64, lever: f64, shift: f64, share: f64, stiffness: f64| {
             let gravity = (GRAVITY + acceleration * vehicle.mass_height * shift).max(0.5 * GRAVITY);
             let grip = tyres.friction * gravity;
-            let pull = (effort * share * base / (lever * grip)).abs().min(LARGEST_SHARE);
-            Axle { arm, grip, pull, sliding: 3.0 * tyres.friction / stiffness }
+            let longitudinal = (effort * share * base / (lever * grip)).abs().min(LARGEST_SHARE);
+            Axle { arm, grip, longitudinal, sliding: 3.0 * tyres.friction / stiffness }
         };
         let front = axle(b + k2 / b, b, -1.0 / b, front_share, tyres.cornering_front);
         let rear = axle(b - k2 / a, a, 1.0 / a, 1.0 - front_share, tyres.cornering_rear);
         Self { vehicle, path, speed: drive.speed, front, rear }
     }
 
-    /// Steering angle with which the rear axle passes a station, with a curvature added to the path's, rad.
+    /// Steering angle that moves the rear axle along the path at a station, with a curvature added to the path's (1/m),
+    /// rad.
     pub(super) fn steering(&self, station: f64, added: f64) -> f64 {
         let (near, wide) = (self.span(SPAN_TIME), self.span(WIDE_SPAN_TIME));
         let slip = |station: f64| self.rear_slip(station, added);
         let here = slip(station);
-        let turning = (slip(station + near) - slip(station - near)) / (2.0 * near);
-        let swinging = (slip(station + wide) - 2.0 * here + slip(station - wide)) / (wide * wide);
+        let slip_rate = (slip(station + near) - slip(station - near)) / (2.0 * near);
+        let slip_second_rate = (slip(station + wide) - 2.0 * here + slip(station - wide)) / (wide * wide);
         let ahead = station + self.vehicle.tyres.relaxation_length;
-        let front = self.slip(&self.front, self.bend(ahead) + added, self.bend_rate(ahead) + swinging);
-        let curvature = self.bend(station) + added + turning;
+        let front =
+            self.slip(&self.front, self.curvature_at(ahead) + added, self.curvature_rate_at(ahead) + slip_second_rate);
+        let curvature = self.curvature_at(station) + added + slip_rate;
         (self.vehicle.wheelbase * curvature - here.tan()).atan() + front
     }
 
-    /// Slip angle of the rear axle at a station with a curvature added to the path's, positive where the body points to the
-    /// left of its path, rad.
+    /// Slip angle of the rear axle at a station with a curvature added to the path's (1/m), positive where the body
+    /// points to the left of its path, rad.
     pub(super) fn rear_slip(&self, station: f64, added: f64) -> f64 {
         let ahead = station + self.vehicle.tyres.relaxation_length;
-        self.slip(&self.rear, self.bend(ahead) + added, self.bend_rate(ahead))
+        self.slip(&self.rear, self.curvature_at(ahead) + added, self.curvature_rate_at(ahead))
     }
 
     /// Slip angle of an axle for a curvature and its derivative along the path, rad.
     fn slip(&self, axle: &Axle, curvature: f64, rate: f64) -> f64 {
         let lateral = self.speed * self.speed * (curvature + axle.arm * rate) / axle.grip;
-        let whole = lateral.hypot(axle.pull);
-        if whole <= 0.0 {
+        let combined = lateral.hypot(axle.longitudinal);
+        if combined <= 0.0 {
             return 0.0;
         }
-        (axle.sliding * (1.0 - (1.0 - whole.min(LARGEST_SHARE)).cbrt()) * lateral / whole).atan()
+        (axle.sliding * (1.0 - (1.0 - combined.min(LARGEST_SHARE)).cbrt()) * lateral / combined).atan()
     }
 
-    fn bend(&self, station: f64) -> f64 {
+    fn curvature_at(&self, station: f64) -> f64 {
         self.path.curvature_and_rate_at(station).0
     }
 
-    fn bend_rate(&self, station: f64) -> f64 {
+    fn curvature_rate_at(&self, station: f64) -> f64 {
         let near = self.span(SPAN_TIME);
-        (self.bend(station + near) - self.bend(station - near)) / (2.0 * near)
+        (self.curvature_at(station + near) - self.curvature_at(station - near)) / (2.0 * near)
     }
 
-    /// Distance to either side over which derivatives are taken, m.
+    /// Half-width of differences, m.
     fn span(&self, time: f64) -> f64 {
         SPAN_LENGTH.max(self.speed * time)
     }
@@ -145,14 +153,14 @@ mod tests {
     }
 
     #[test]
-    fn in_a_steady_turn_it_is_the_single_track_formula_and_left_and_right_are_alike() {
+    fn a_steady_turn_matches_the_single_track_formula_on_both_sides() {
         for name in vehicle::builtin_names() {
             let v = vehicle::load(name).unwrap();
             for (speed, lateral) in [(5.0, 0.1), (15.0, -0.1)] {
                 let curvature = lateral / (speed * speed);
                 let understeer = (1.0 / v.tyres.cornering_front - 1.0 / v.tyres.cornering_rear) / GRAVITY;
                 let expected = v.wheelbase * curvature + understeer * lateral;
-                // 0.1 m/s² is a hundredth of the grip: the curve is straight up to that
+                // 0.1 m/s² is a hundredth of the grip: the brush curve is linear up to there
                 for (of_path, added) in [(curvature, 0.0), (0.0, curvature)] {
                     let path = circle(of_path);
                     let model = Inverse::new(&v, &path, coasting(speed));
@@ -166,18 +174,18 @@ mod tests {
     }
 
     #[test]
-    fn pull_takes_grip_from_the_driven_axle_and_braking_load_from_the_rear() {
+    fn drive_force_and_braking_increase_the_rear_slip() {
         let v = vehicle::load("bmw_320i").unwrap();
         let path = circle(3.0 / 225.0);
         let slip = |drive: Drive| Inverse::new(&v, &path, drive).rear_slip(50.0, 0.0);
-        let still = slip(coasting(15.0));
+        let coasting_slip = slip(coasting(15.0));
         // rear-wheel drive
-        assert!(slip(Drive { effort: 2.0, ..coasting(15.0) }) > 1.01 * still);
-        assert!(slip(Drive { acceleration: -2.0, ..coasting(15.0) }) > 1.02 * still);
+        assert!(slip(Drive { effort: 2.0, ..coasting(15.0) }) > 1.01 * coasting_slip);
+        assert!(slip(Drive { acceleration: -2.0, ..coasting(15.0) }) > 1.02 * coasting_slip);
     }
 
     #[test]
-    fn more_than_the_grip_is_answered_with_a_finite_angle() {
+    fn the_angle_stays_finite_beyond_the_grip() {
         let v = vehicle::load("bmw_320i").unwrap();
         let path = circle(0.3);
         for drive in [coasting(30.0), Drive { acceleration: -50.0, effort: -50.0, speed: 30.0 }] {

@@ -1,9 +1,9 @@
 //! Phase and gain margins of both tracking loops, from the loops' transfer functions: test only.
 //!
-//! Lateral: controller, hold of half a control period, steering servo, and the linear single-track model with relaxing tyres
-//! (Pacejka 2012, sections 1.3 and 5.5; the carcass's damping as in `tyre`), from steering to the rear axle's offset and
-//! heading. Longitudinal: controller, hold, lag of drive or brakes, two integrators.
-//! What saturates is left out: rate and acceleration of the steering, the bounds of the feedback.
+//! Lateral: controller, hold of half a control period, steering servo, and the linear single-track model with tyre
+//! relaxation (Pacejka 2012, sections 1.3 and 5.5; damping of the carcass as in `tyre`), from steering to offset and
+//! heading of the rear axle. Longitudinal: controller, hold, lag of drive or brakes, two integrators. Saturations are
+//! neglected: rate and acceleration of the steering, the bounds of the feedback.
 
 use std::f64::consts::PI;
 
@@ -17,7 +17,7 @@ type C = Complex<f64>;
 
 /// Half of the default control period: the mean delay of a held command, s.
 const HOLD: f64 = 0.005;
-/// Margins that textbooks ask for (Åström and Murray, *Feedback Systems*, section 10.3: 30° to 60°, 2 to 5).
+/// Margins that textbooks recommend (Åström and Murray, *Feedback Systems*, section 10.3: 30° to 60°, 2 to 5).
 const PHASE_MARGIN: f64 = 40.0;
 const GAIN_MARGIN: f64 = 2.0;
 
@@ -48,7 +48,7 @@ fn lateral(v: &Vehicle, speed: f64, s: C) -> C {
     let heading = yaw_rate / s;
     let offset = (left - yaw_rate * b + heading * speed) / s;
     let omega = lateral_bandwidth(v, speed);
-    // the inversion's answer to a small curvature: what it takes to turn, and what the slip angles of both axles differ by
+    // the inverse model for a small curvature: Ackermann angle plus the difference of the slip angles
     let understeer = (1.0 / v.tyres.cornering_front - 1.0 / v.tyres.cornering_rear) / GRAVITY;
     let gain = base + understeer * speed * speed;
     (offset * omega * omega + heading * 2.0 * omega) * gain * lag(s, v.actuators.steering_lag) * hold(s)
@@ -83,8 +83,8 @@ fn margins(open_loop: impl Fn(C) -> C) -> (f64, f64, f64) {
 }
 
 #[test]
-fn the_margins_of_a_loop_with_a_known_answer_are_found() {
-    // (ω² + 2ωs)/s² without lag: crossover at ω √(2 + √5), phase margin atan(2 √(2 + √5)), no end to the gain
+fn margins_of_a_known_loop_match_the_closed_form() {
+    // (ω² + 2ωs)/s² without lag: crossover at ω √(2 + √5), phase margin atan(2 √(2 + √5)), infinite gain margin
     let (phase, gain, crossover) = margins(|s| (s * 3.0 + 2.25) / (s * s));
     let expected = (2.0 + 5f64.sqrt()).sqrt();
     assert!((crossover / (1.5 * expected) - 1.0).abs() < 3e-3, "{crossover}");
@@ -102,10 +102,10 @@ fn the_lateral_loop_keeps_its_margins_over_all_speeds() {
                 continue;
             }
             let (phase, gain, crossover) = margins(|s| lateral(&v, speed, s));
-            let figures =
+            let report =
                 format!("{name} {speed:4.1} m/s: crossover {crossover:.2} rad/s, phase {phase:.0}°, gain {gain:.1}");
-            println!("{figures}");
-            assert!(phase >= PHASE_MARGIN && gain >= GAIN_MARGIN, "{figures}");
+            println!("{report}");
+            assert!(phase >= PHASE_MARGIN && gain >= GAIN_MARGIN, "{report}");
         }
     }
 }
@@ -116,9 +116,9 @@ fn the_longitudinal_loop_keeps_its_margins_on_drive_and_brakes() {
         let v = vehicle::load(name).unwrap();
         for (kind, actuator) in [("drive", v.actuators.drive_lag), ("brakes", v.actuators.brake_lag)] {
             let (phase, gain, crossover) = margins(|s| longitudinal(&v, actuator, s));
-            let figures = format!("{name} {kind}: crossover {crossover:.2} rad/s, phase {phase:.0}°, gain {gain:.1}");
-            println!("{figures}");
-            assert!(phase >= PHASE_MARGIN && gain >= GAIN_MARGIN, "{figures}");
+            let report = format!("{name} {kind}: crossover {crossover:.2} rad/s, phase {phase:.0}°, gain {gain:.1}");
+            println!("{report}");
+            assert!(phase >= PHASE_MARGIN && gain >= GAIN_MARGIN, "{report}");
         }
     }
 }

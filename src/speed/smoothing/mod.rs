@@ -1,43 +1,56 @@
-//! Jerk-limited smoothing of a searched plan, as a quadratic program in time.
+//! Jerk-limited smoothing of a raw profile, as a quadratic program in time.
 //!
-//! The jerk is constant between knots `t_k`, a fifth of a second apart at first and farther apart later on, where the plan
-//! will be made anew before it is driven. Variables are station `s_k`, speed `v_k` and acceleration `a_k` at the knots:
+//! # Problem
+//!
+//! The jerk is constant between knots `t_k`. The steps `h_k` are 0.2 s at first and grow later, where the planner
+//! replaces the plan before the vehicle drives it. Decision variables are station `s_k`, speed `v_k` and acceleration
+//! `a_k` at each knot:
 //!
 //! ```text
 //! minimise    Σ h_k ( w_s (s_k − ŝ_k)² + w_v (v_k − v̂_k)² + w_a a_k² + w_j j_k² ),   j_k = (a_{k+1} − a_k) / h_k
 //! subject to  s_{k+1} = s_k + h v_k + h²/6 (2 a_k + a_{k+1}),   v_{k+1} = v_k + h/2 (a_k + a_{k+1})
 //!             s_0, v_0, a_0 given;  v_N = a_N = 0
-//!             s(t) ≤ upper,  s(t) ≥ lower  for the blocked intervals;  0 ≤ v_k ≤ cap_k;  −d ≤ a_k ≤ a;  |j_k| ≤ j_max
+//!             s(t) ≤ upper bound,  s(t) ≥ lower bound    for each blocked interval (`corridor`)
+//!             0 ≤ v_k ≤ v̄_k + ε_k,  ε_k ≥ 0 penalised    speed limits, soft
+//!             −d_max ≤ a_k ≤ a,  |j_k| ≤ j_max
 //! ```
 //!
-//! `ŝ, v̂` is the searched plan. It passes each blocked interval before or after; that order is kept, and one row for each
-//! interval that matters is exact at any time between knots (`corridor`). Caps are tangents at the station that the
-//! solution before had at that time, which is an approximation, and soft: so the result is **proved again**
-//! ([`super::prove`]).
+//! `ŝ, v̂` is the raw profile; `a` and `d_max` are the limits of [`super::AccelerationLimits`].
 //!
-//! Where no solution within the comfortable jerk can be proved, one within the firm jerk is sought, and told apart. If
-//! there is none either the caller keeps the unsmoothed plan.
+//! # Technique
 //!
-//! Weak: the search does not know of the jerk limit, so that its plan may brake too late for any smooth one, although
-//! another plan might not. The order in which blocked intervals are passed is never changed.
+//! The raw profile passes each blocked interval before or after the obstacle. The program keeps that order, which makes
+//! each interval one linear bound at one time. Speed limits depend on the station, so the program linearises them about
+//! the previous solution: a sequential convex program of at most three steps. If no solution within the comfortable
+//! jerk can be proved, a second attempt uses the firm jerk and [`Smoothed::is_firm`] reports it.
+//!
+//! # Guarantee
+//!
+//! [`super::prove()`] verifies every result; linearisation and soft limits cannot weaken a plan. If there is no result,
+//! the caller keeps the raw profile.
+//!
+//! # Weakness
+//!
+//! The search ignores the jerk limit, so the raw profile may brake too late for any smooth profile of the same order,
+//! even if another order has one. The program never changes the order in which the vehicle passes obstacles.
 
 mod corridor;
 mod program;
 
-use super::{Refutation, SpeedPlan, SpeedProblem, prove};
+use super::{ProofViolation, SpeedPlan, SpeedProblem, prove};
 use crate::trajectory::{SpeedKnot, SpeedProfile};
 use program::{Program, Rows};
 
 /// Weights and limits of the smoothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Largest jerk for comfort, m/s³.
+    /// Comfortable jerk limit, m/s³.
     pub jerk: f64,
-    /// Largest jerk where that one does not do, m/s³: an emergency's, with an acceleration that is still continuous.
+    /// Jerk limit of the second attempt, m/s³: that of an emergency, with continuous acceleration.
     pub firm_jerk: f64,
     /// Length of the first time steps, s.
     pub step: f64,
-    /// Time added after the searched plan's end, so that a gentler one fits, s.
+    /// Time by which a smoothed profile may last longer than the raw one, s.
     pub extra_time: f64,
     /// Weight of the station error, 1/m².
     pub station_weight: f64,
@@ -64,9 +77,9 @@ impl Default for Settings {
     }
 }
 
-/// The searched plan as it stands: constant acceleration between its states.
+/// The raw profile of a plan, with constant acceleration between its states. `None` if the times do not increase.
 #[must_use]
-pub fn unsmoothed(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfile> {
+pub fn raw_profile(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfile> {
     let knots = plan.states.iter().enumerate().map(|(i, state)| {
         let acceleration =
             plan.states.get(i + 1).map_or(0.0, |next| (next.speed - state.speed) / (next.time - state.time));
@@ -81,28 +94,28 @@ pub fn unsmoothed(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfi
     SpeedProfile::new(knots.collect())
 }
 
-/// A smooth profile, proved.
+/// A smoothed and proved profile.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Smoothed {
     /// The profile.
     pub profile: SpeedProfile,
-    /// Whether it needs more than the comfortable jerk.
+    /// Whether the profile exceeds the comfortable jerk.
     pub is_firm: bool,
 }
 
-/// Why there is no smooth profile.
+/// Why there is no smoothed profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
-    /// `no_solution`: the program has none.
+    /// `no_solution`: the program is infeasible or the solver failed.
     NoSolution,
-    /// Its solutions were refuted; the last one for the reason of this code ([`Refutation::CODES`]).
+    /// The proof of the solutions failed; the code names the violation of the last one ([`ProofViolation::CODES`]).
     ReverificationFailed(&'static str),
 }
 
 impl Failure {
-    /// Every code.
+    /// All codes.
     pub fn codes() -> impl Iterator<Item = &'static str> {
-        std::iter::once(Self::NoSolution.code()).chain(Refutation::CODES)
+        std::iter::once(Self::NoSolution.code()).chain(ProofViolation::CODES)
     }
 
     /// The stable code used in reports.
@@ -115,47 +128,47 @@ impl Failure {
     }
 }
 
-/// The smoothed profile, starting with `start_acceleration` (m/s²), if one can be proved for `problem`. It is guided by
-/// `target_speed_limits`, which may keep a reserve to the problem's own.
+/// Smooths a raw profile from `start_acceleration` (m/s²) on and proves the result for `problem`. The program aims at
+/// `target_speed_limits` (m/s at each node), which may lie below the limits of the problem.
 ///
 /// # Errors
-/// Why there is none, within the firm jerk.
+/// [`Failure`] of the attempt with the firm jerk.
 pub fn smooth_and_prove(
     problem: &SpeedProblem,
     target_speed_limits: &[f64],
-    searched: &SpeedProfile,
+    raw: &SpeedProfile,
     start_acceleration: f64,
     settings: &Settings,
 ) -> Result<Smoothed, Failure> {
-    let Some(program) = Program::new(problem, target_speed_limits, searched, start_acceleration, settings) else {
-        // it stands and goes on standing: nothing is smoother
-        let profile = searched.clone();
+    let Some(program) = Program::new(problem, target_speed_limits, raw, start_acceleration, settings) else {
+        // a permanent standstill needs no smoothing
+        let profile = raw.clone();
         return match prove(problem, &profile) {
             Ok(()) => Ok(Smoothed { profile, is_firm: false }),
             Err(why) => Err(Failure::ReverificationFailed(why.code())),
         };
     };
-    let comfortable = solve_and_prove(problem, &program, searched, settings.jerk);
+    let comfortable = solve_and_prove(problem, &program, raw, settings.jerk);
     if let Ok(profile) = comfortable {
         return Ok(Smoothed { profile, is_firm: false });
     }
     let firm = settings.firm_jerk.max(settings.jerk);
-    solve_and_prove(problem, &program, searched, firm).map(|profile| Smoothed { profile, is_firm: true })
+    solve_and_prove(problem, &program, raw, firm).map(|profile| Smoothed { profile, is_firm: true })
 }
 
-/// A proved solution within a jerk (m/s³). The first one is of the rows that are likely to bite, with speed_limits read along
-/// the searched plan; the others are of all rows, with speed_limits read along the solution before: a sequential convex program of
-/// a few steps.
+/// A proved solution within a jerk limit (m/s³). The first program contains only the rows that are likely to be active,
+/// with speed limits linearised about the raw profile. The following ones contain all rows, with speed limits
+/// linearised about the previous solution.
 fn solve_and_prove(
     problem: &SpeedProblem,
     program: &Program<'_>,
-    searched: &SpeedProfile,
+    raw: &SpeedProfile,
     jerk: f64,
 ) -> Result<SpeedProfile, Failure> {
-    let mut along = searched.clone();
+    let mut linearised_about = raw.clone();
     let mut failure = Failure::NoSolution;
     for rows in [Rows::Near, Rows::All, Rows::All] {
-        let solution = match program.solve(&along, jerk, rows) {
+        let solution = match program.solve(&linearised_about, jerk, rows) {
             Some(solution) => solution,
             None if rows == Rows::Near && program.is_thinned() => continue,
             None => break,
@@ -164,7 +177,7 @@ fn solve_and_prove(
             Ok(()) => return Ok(solution),
             Err(why) => failure = Failure::ReverificationFailed(why.code()),
         }
-        along = solution;
+        linearised_about = solution;
     }
     Err(failure)
 }
@@ -175,16 +188,16 @@ mod tests {
     use super::super::{Resolution, Strategy, bounds, search};
     use super::*;
 
-    fn searched(problem: &SpeedProblem) -> SpeedProfile {
+    fn raw(problem: &SpeedProblem) -> SpeedProfile {
         let found = search(problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
-        unsmoothed(problem, &found.proven().expect("a plan")).unwrap()
+        raw_profile(problem, &found.proven().expect("a plan")).unwrap()
     }
 
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
-        let searched = searched(problem);
+        let raw = raw(problem);
         let settings = Settings::default();
-        let smooth = smooth_and_prove(problem, &problem.speed_limits, &searched, start_acceleration, &settings)
-            .expect("solvable");
+        let smooth =
+            smooth_and_prove(problem, &problem.speed_limits, &raw, start_acceleration, &settings).expect("solvable");
         assert!(!smooth.is_firm);
         let smooth = smooth.profile;
         assert_eq!(prove(problem, &smooth), Ok(()));
@@ -199,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn who_drives_off_keeps_the_acceleration_it_has_and_who_has_just_stopped_has_none() {
+    fn start_from_standstill_keeps_only_a_positive_acceleration() {
         let problem = empty_road(100.0, 0.0);
         let begins = |acceleration: f64| check(&problem, acceleration).knots()[0].acceleration;
         assert!((begins(0.3) - 0.3).abs() < 1e-9);
@@ -207,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn smoothing_keeps_the_proof_and_the_jerk_limit_from_any_start_speed() {
+    fn smoothed_profiles_are_proved_and_jerk_limited_for_every_start_speed() {
         for tenth in (0..=100).step_by(5) {
             let v = f64::from(tenth) / 10.0;
             check(&empty_road(100.0, v), 0.0);
@@ -227,18 +240,18 @@ mod tests {
         assert!((end - 60.0).abs() < 0.02, "stops at {end}");
     }
 
-    /// Something crosses 24 m ahead: 10 m/s can be braked to rest in 22.7 m, but not within the comfortable jerk.
+    /// The road ends after 24 m. From 10 m/s the vehicle stops in 22.7 m, but not within the comfortable jerk.
     #[test]
-    fn where_the_comfortable_jerk_does_not_do_the_firm_one_is_told() {
+    fn reports_the_firm_jerk_if_the_comfortable_one_has_no_solution() {
         let mut problem = empty_road(24.0, 10.0);
         problem.limits.aggressive_deceleration = 2.6;
-        let searched = searched(&SpeedProblem {
+        let raw = raw(&SpeedProblem {
             limits: crate::speed::AccelerationLimits { aggressive_deceleration: 2.2, ..problem.limits },
             ..problem.clone()
         });
         let smooth = |jerk| {
             let settings = Settings { jerk, firm_jerk: 10.0, ..Settings::default() };
-            smooth_and_prove(&problem, &problem.speed_limits, &searched, 0.0, &settings).expect("firm does")
+            smooth_and_prove(&problem, &problem.speed_limits, &raw, 0.0, &settings).expect("a solution")
         };
         let (gentle, firm) = (smooth(8.0), smooth(1.0));
         assert!(!gentle.is_firm && firm.is_firm);
@@ -247,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_first_and_who_stays_are_smooth() {
+    fn smooths_a_profile_that_waits_first_and_keeps_a_permanent_standstill() {
         let mut problem = empty_road(20.0, 0.0);
         problem.blocked[0] = vec![(0.0, 3.0)];
         let waits = check(&problem, 0.0);
@@ -261,8 +274,8 @@ mod tests {
     }
 
     #[test]
-    fn an_impossible_start_has_no_smooth_profile() {
-        // 10 m/s with 1.5 m of road left
+    fn impossible_start_has_no_smoothed_profile() {
+        // 10 m/s on a road of 1.5 m
         let problem = SpeedProblem { start_speed: 10.0, ..empty_road(1.5, 10.0) };
         let short = SpeedProfile::new(vec![
             SpeedKnot { time: 0.0, station: 0.0, speed: 10.0, acceleration: -33.3, jerk: 0.0 },

@@ -1,8 +1,8 @@
-//! Open-loop manoeuvres, and how the rig drives them: the inputs go straight into steering, drive and brakes.
+//! Open-loop maneuvers in the vehicle simulation: the inputs act directly on steering, drive and brakes.
 //!
-//! Shared by the example that writes them to files and by the tests that hold the rig to the reference models.
-//! The inputs are those of the CommonRoad vehicle models: steering rate and longitudinal acceleration, constant over each
-//! [`TICK`]. What those models do not have is taken out of the vehicle by [`bare`]: lags, drag, rolling resistance.
+//! Shared by the example, which writes them to files, and by the tests, which compare the simulation with the reference
+//! models. The inputs are those of the CommonRoad vehicle models: steering rate and longitudinal acceleration, constant
+//! over each [`TICK`]. [`bare`] removes from the vehicle what those models do not have: lags, drag, rolling resistance.
 
 use stopline::geometry::{Point, Pose};
 use stopline::simulation::{Command, GRAVITY, Log, Settings, SimulationError, World};
@@ -10,27 +10,27 @@ use stopline::vehicle::{State, Vehicle};
 
 /// Time over which the inputs are constant, s.
 pub(crate) const TICK: f64 = 0.01;
-/// Moment at which each manoeuvre begins; until then the vehicle drives straight on, s.
+/// Time at which each maneuver begins, s; until then the vehicle drives straight.
 const BEGIN: f64 = 0.5;
 
-/// A manoeuvre: inputs over time, from straight driving at a speed.
-pub(crate) struct Manoeuvre {
+/// A maneuver: inputs over time, starting in straight driving at a constant speed.
+pub(crate) struct Maneuver {
     /// Name, as in file names.
     pub(crate) name: &'static str,
     /// Initial speed, m/s.
     pub(crate) speed: f64,
     /// Duration, s.
     pub(crate) duration: f64,
-    /// Steering angle of the virtual middle front wheel over the wheelbase, over the time since the beginning of the
-    /// manoeuvre, 1/m: at small angles the curvature that a neutral vehicle drives.
+    /// Curvature over the time since the beginning of the maneuver: steering angle of the virtual middle front wheel
+    /// divided by the wheelbase, 1/m. At small angles it is the path curvature of a neutral vehicle.
     curvature: fn(f64) -> f64,
     /// Longitudinal acceleration over the same time, m/s².
     acceleration: fn(f64) -> f64,
-    /// 1, or −1 for the mirror image.
+    /// 1, or −1 for the mirrored maneuver.
     side: f64,
 }
 
-/// What drives the vehicle during one tick.
+/// Inputs during one tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Input {
     /// Steering rate, rad/s.
@@ -39,7 +39,7 @@ pub(crate) struct Input {
     pub(crate) acceleration: f64,
 }
 
-/// The vehicle's motion at a moment, at the centre of mass.
+/// Motion of the vehicle at one instant, at the centre of mass.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Instant {
     /// Time, s.
@@ -58,15 +58,15 @@ pub(crate) struct Instant {
     pub(crate) lateral_acceleration: f64,
 }
 
-/// The manoeuvres of the comparison.
+/// The maneuvers of the comparison.
 ///
-/// Steering rates stay below the 0.4 rad/s of the published parameters. For a neutral vehicle the steady lateral acceleration
-/// of the step is 0.3 g, at the end of the ramp 0.6 g, of the slalom's peaks about 0.35 g.
-pub(crate) const MANOEUVRES: [Manoeuvre; 4] = [
+/// Steering rates stay below the 0.4 rad/s of the published parameters. For a neutral vehicle the lateral acceleration
+/// is 0.3 g in the steady part of the step, 0.6 g at the end of the ramp and about 0.35 g at the peaks of the slalom.
+pub(crate) const MANEUVERS: [Maneuver; 4] = [
     // as in ISO 7401: straight driving, then a step
-    Manoeuvre { name: "step_steer", speed: 20.0, duration: 5.0, curvature: step, acceleration: |_| 0.0, side: 1.0 },
-    // as in ISO 4138, constant speed and slowly more steering: up to 0.6 g
-    Manoeuvre {
+    Maneuver { name: "step_steer", speed: 20.0, duration: 5.0, curvature: step, acceleration: |_| 0.0, side: 1.0 },
+    // as in ISO 4138, constant speed and slowly increasing steering: up to 0.6 g
+    Maneuver {
         name: "ramp_steer",
         speed: 20.0,
         duration: 8.5,
@@ -75,7 +75,7 @@ pub(crate) const MANOEUVRES: [Manoeuvre; 4] = [
         side: 1.0,
     },
     // four periods of 2 s
-    Manoeuvre {
+    Maneuver {
         name: "slalom",
         speed: 15.0,
         duration: 8.5,
@@ -83,8 +83,8 @@ pub(crate) const MANOEUVRES: [Manoeuvre; 4] = [
         acceleration: |_| 0.0,
         side: 1.0,
     },
-    // as in ISO 7975: a steady turn, then brakes
-    Manoeuvre {
+    // as in ISO 7975: a steady turn, then braking
+    Maneuver {
         name: "brake_in_turn",
         speed: 20.0,
         duration: 5.5,
@@ -99,8 +99,8 @@ fn step(time: f64) -> f64 {
     (0.075 * time).min(0.3 * GRAVITY / 400.0)
 }
 
-impl Manoeuvre {
-    /// The mirror image.
+impl Maneuver {
+    /// The mirrored maneuver.
     pub(crate) fn mirrored(&self) -> Self {
         Self { side: -self.side, ..*self }
     }
@@ -119,7 +119,7 @@ impl Manoeuvre {
             .collect()
     }
 
-    /// Drives the manoeuvre from a pose of the rear axle; one instant at each tick's start, and the end.
+    /// Drives the maneuver from a rear-axle pose. Returns the motion at the start of each tick and at the end.
     ///
     /// # Errors
     /// A setting out of its range.
@@ -139,7 +139,7 @@ impl Manoeuvre {
         for (tick, input) in self.inputs(&vehicle).iter().enumerate() {
             for step in 1..=steps {
                 let angle = steering + input.steering_rate * settings.step * step as f64;
-                let command = Command { acceleration: input.acceleration * spin_share(&vehicle), steering: angle };
+                let command = Command { acceleration: input.acceleration * spin_factor(&vehicle), steering: angle };
                 world.hold(command, TICK * tick as f64 + settings.step * step as f64, &mut log);
             }
             steering += input.steering_rate * TICK;
@@ -150,13 +150,13 @@ impl Manoeuvre {
     }
 }
 
-/// The force that an acceleration takes, over the vehicle's mass times that acceleration: the wheels' spin takes its part.
-/// The tracking controller asks for the same.
-pub(crate) fn spin_share(vehicle: &Vehicle) -> f64 {
+/// Ratio of the drive force that an acceleration requires to the vehicle's mass times that acceleration: part of the
+/// force accelerates the wheels' spin. The tracking controller applies the same ratio.
+pub(crate) fn spin_factor(vehicle: &Vehicle) -> f64 {
     1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius.powi(2))
 }
 
-/// The vehicle without lags, drag and rolling resistance: the steering does within a physics step what it is told.
+/// The vehicle without lags, drag and rolling resistance: the steering follows its setpoint within a physics step.
 pub(crate) fn bare(vehicle: &Vehicle, step: f64) -> Vehicle {
     let mut bare = vehicle.clone();
     bare.limits.steering_acceleration = 1e9;

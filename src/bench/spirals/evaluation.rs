@@ -1,7 +1,7 @@
-//! What a curve is worth, found by other means than those that made it.
+//! Evaluation of a curve, independent of the method that computed it.
 //!
-//! Ends of spirals come from Simpson's rule on a fine grid (the solvers use Gauss–Legendre), the largest curvature from
-//! 10,000 samples beside the closed form.
+//! The ends of spirals come from Simpson's rule on a fine grid (the solvers use Gauss–Legendre quadrature), the maximum
+//! curvature from 10,000 samples in addition to the closed form.
 
 use super::shooting::simpson_end;
 use crate::bench::problems::LatticeProblem;
@@ -9,12 +9,12 @@ use crate::geometry::quintic::QuinticPath;
 use crate::geometry::spiral::{CubicSpiral, QuinticSpiral};
 use crate::geometry::{Pose, Vector, wrap_angle};
 
-/// Samples of the curvature along a curve, beside its closed form.
+/// Number of curvature samples along a curve.
 const SAMPLES: u32 = 10_000;
-/// Simpson intervals for the end of a spiral: below 1e-11 m on 40 m.
+/// Intervals of Simpson's rule for the end of a spiral: an error below 1e-11 m on 40 m.
 const INTERVALS: u32 = 4000;
 
-/// A curve of any kind, in its start frame.
+/// A curve in its start frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Curve {
     /// Cubic spiral.
@@ -25,25 +25,25 @@ pub enum Curve {
     Polynomial(QuinticPath),
 }
 
-/// What a method came up with.
+/// The solution of a method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
     /// The curve.
     pub curve: Curve,
-    /// How far to the left of the wanted end, across its heading, the method says that it ends, m.
+    /// Lateral displacement of the end from the requested pose as reported by the method, positive to the left, m.
     pub slide: f64,
 }
 
-/// What an answer is worth.
+/// Metrics of an answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Judged {
-    /// Distance of the curve's end from where the method says it is, m.
+pub struct Evaluation {
+    /// Distance of the curve's end from the end that the method reports, m.
     pub end_residual: f64,
-    /// Difference of the heading there, rad.
+    /// Heading error at the end, rad.
     pub heading_residual: f64,
-    /// Distance across the wanted end's heading that the method gave up, m.
+    /// Absolute lateral displacement of the end from the requested pose, m.
     pub slide: f64,
-    /// Largest |curvature|, 1/m.
+    /// Maximum |curvature|, 1/m.
     pub max_curvature: f64,
     /// Bending energy ∫ κ² ds, 1/m.
     pub bending_energy: f64,
@@ -52,14 +52,14 @@ pub struct Judged {
 }
 
 impl Answer {
-    /// Judges the answer to a problem.
+    /// Evaluates the answer to a problem.
     #[must_use]
-    pub fn judged(&self, problem: &LatticeProblem) -> Judged {
+    pub fn evaluate(&self, problem: &LatticeProblem) -> Evaluation {
         let curve = &self.curve;
         let end = curve.end();
-        let said = problem.end.position + problem.end.left() * self.slide;
-        Judged {
-            end_residual: (end.position - said).norm(),
+        let reported = problem.end.position + problem.end.left() * self.slide;
+        Evaluation {
+            end_residual: (end.position - reported).norm(),
             heading_residual: wrap_angle(end.yaw - problem.end.yaw).abs(),
             slide: self.slide.abs(),
             max_curvature: curve.max_abs_curvature(),
@@ -70,7 +70,7 @@ impl Answer {
 }
 
 impl Curve {
-    /// The end from the origin with heading 0.
+    /// The end of the curve from the origin with heading 0.
     #[must_use]
     pub fn end(&self) -> Pose {
         match self {
@@ -86,27 +86,28 @@ impl Curve {
         }
     }
 
-    /// Curvature at a share of the way, 1/m. The share is of arc length, or of the parameter for a polynomial path.
+    /// Curvature at a parameter in [0, 1], 1/m. The parameter is the normalised arc length, or the parameter of a
+    /// polynomial path.
     #[must_use]
-    pub fn curvature(&self, share: f64) -> f64 {
+    pub fn curvature(&self, parameter: f64) -> f64 {
         match self {
-            Self::Cubic(spiral) => spiral.curvature(share * spiral.length),
-            Self::Quintic(spiral) => spiral.curvature(share * spiral.length),
-            Self::Polynomial(path) => path.curvature(share),
+            Self::Cubic(spiral) => spiral.curvature(parameter * spiral.length),
+            Self::Quintic(spiral) => spiral.curvature(parameter * spiral.length),
+            Self::Polynomial(path) => path.curvature(parameter),
         }
     }
 
-    /// Largest |curvature|, 1/m: of 10,001 samples and of the closed form (for polynomial paths, of the zeros of the
+    /// Maximum |curvature|, 1/m: over 10,001 samples and the closed form (for polynomial paths, the zeros of the
     /// derivative).
     #[must_use]
     pub fn max_abs_curvature(&self) -> f64 {
-        let known = match self {
+        let closed_form = match self {
             Self::Cubic(spiral) => spiral.max_abs_curvature(),
             Self::Quintic(spiral) => spiral.max_abs_curvature(),
             Self::Polynomial(path) => path.max_abs_curvature(),
         };
         let samples = (0..=SAMPLES).map(|i| self.curvature(f64::from(i) / f64::from(SAMPLES)).abs());
-        samples.fold(known, f64::max)
+        samples.fold(closed_form, f64::max)
     }
 
     /// Bending energy ∫ κ² ds, 1/m.
@@ -129,7 +130,7 @@ impl Curve {
         }
     }
 
-    /// `intervals` + 1 points equally spaced in arc length: arc length, position, curvature.
+    /// `intervals` + 1 points at equal distances of arc length: arc length (m), position, curvature (1/m).
     #[must_use]
     pub fn sampled(&self, intervals: usize) -> Vec<(f64, crate::geometry::Point, f64)> {
         let start = Pose::new(0.0, 0.0, 0.0);
@@ -152,16 +153,16 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_spiral_is_seen() {
+    fn detects_a_wrong_length_and_a_wrong_slide() {
         let p = problem();
         let spiral = connect(p.start_curvature, &p.end, p.end_curvature).unwrap();
-        let right = Answer { curve: Curve::Cubic(spiral), slide: 0.0 }.judged(&p);
-        assert!(right.end_residual < 1e-9 && right.heading_residual < 1e-12, "{right:?}");
+        let exact = Answer { curve: Curve::Cubic(spiral), slide: 0.0 }.evaluate(&p);
+        assert!(exact.end_residual < 1e-9 && exact.heading_residual < 1e-12, "{exact:?}");
         let longer = CubicSpiral { length: spiral.length + 0.01, ..spiral };
-        let wrong = Answer { curve: Curve::Cubic(longer), slide: 0.0 }.judged(&p);
+        let wrong = Answer { curve: Curve::Cubic(longer), slide: 0.0 }.evaluate(&p);
         assert!((wrong.end_residual - 0.01).abs() < 2e-3 && wrong.heading_residual > 1e-5, "{wrong:?}");
-        // an end that is said to lie half a metre to the left, and does not
-        let claimed = Answer { curve: Curve::Cubic(spiral), slide: 0.5 }.judged(&p);
-        assert!((claimed.end_residual - 0.5).abs() < 1e-9 && claimed.slide == 0.5, "{claimed:?}");
+        // the method reports a displacement of half a metre that the curve does not have
+        let displaced = Answer { curve: Curve::Cubic(spiral), slide: 0.5 }.evaluate(&p);
+        assert!((displaced.end_residual - 0.5).abs() < 1e-9 && displaced.slide == 0.5, "{displaced:?}");
     }
 }

@@ -1,0 +1,51 @@
+//! Numbers in reports and messages.
+
+/// Decimals of a number in a table.
+const DECIMALS: usize = 3;
+/// Numbers from here on have an exponent in a table.
+const LARGE: f64 = 1e6;
+/// Shown where a number does not apply.
+const NONE: &str = "-";
+
+/// A number for a table: three decimals, an exponent if it is large, a dash for NaN.
+pub(super) fn fixed(value: f64) -> String {
+    match () {
+        () if value.is_nan() => NONE.to_owned(),
+        () if value.is_infinite() => value.to_string(),
+        () if value.abs() < LARGE => format!("{:.DECIMALS$}", value + 0.0),
+        () => format!("{value:.DECIMALS$e}"),
+    }
+}
+
+/// A number for a message: the shortest digits that read back as the same number, an exponent if it is very large or small.
+pub(super) fn exact(value: f64) -> String {
+    let size = value.abs();
+    if size == 0.0 || !size.is_finite() || (1e-5..1e9).contains(&size) {
+        value.to_string()
+    } else {
+        format!("{value:e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_numbers_have_an_exponent() {
+        let cases = [(1.23456, "1.235"), (-2.0, "-2.000"), (-0.0, "0.000"), (1e300, "1.000e300"), (1e-9, "0.000")];
+        for (value, text) in cases {
+            assert_eq!(fixed(value), text);
+        }
+        assert_eq!([f64::NAN, f64::INFINITY, f64::NEG_INFINITY].map(fixed), ["-", "inf", "-inf"]);
+    }
+
+    #[test]
+    fn exact_numbers_are_short_and_read_back() {
+        for (value, text) in [(0.0, "0"), (0.05, "0.05"), (-1.0, "-1"), (1e300, "1e300"), (2.5e-7, "2.5e-7")] {
+            assert_eq!(exact(value), text);
+            assert_eq!(text.parse::<f64>().unwrap(), value);
+        }
+        assert_eq!(exact(f64::NAN), "NaN");
+    }
+}
