@@ -156,7 +156,7 @@ pub struct SearchResult {
     pub counts: EdgeCounts,
 }
 
-/// The paths of [`search`].
+/// The paths of [`search()`].
 #[must_use]
 pub fn paths(
     context: &LatticeContext<'_>,

@@ -1,9 +1,9 @@
-//! The coarse-to-fine check gives what the flat one gives, to the bit.
+//! The coarse-to-fine check agrees with the flat check, to the bit.
 
 use stopline::collision::{Allowance, Blocker, CollisionSettings, Margins};
 use stopline::trajectory::Path;
 
-use crate::random::{Land, Random};
+use crate::random::{Random, RandomMap};
 
 /// Random settings: spacings, margins and allowances all vary.
 fn settings(random: &mut Random) -> CollisionSettings {
@@ -19,20 +19,20 @@ fn allowance(random: &mut Random) -> Allowance {
     Allowance { no_margins_until: until(), no_road_until: until() }
 }
 
-/// Hits by obstacles and by the road's edge, first cells and late ones, free ways; paths of one piece and of two.
+/// Obstacle and boundary hits, in first and later cells, and free paths; with one and two pieces.
 #[test]
 fn coarse_to_fine_and_flat_agree() {
     let mut random = Random::new(5);
     let mut seen = [0; 4];
-    for things in [0, 1, 10, 40].into_iter().cycle().take(80) {
-        let land = Land::new(&mut random, things);
-        let world = land.world(&settings(&mut random));
+    for objects in [0, 1, 10, 40].into_iter().cycle().take(80) {
+        let map = RandomMap::new(&mut random, objects);
+        let world = map.world(&settings(&mut random));
         for _ in 0..100 {
-            let (start, allowance) = (land.start(&mut random), allowance(&mut random));
+            let (start, allowance) = (map.start(&mut random), allowance(&mut random));
             let spirals: Vec<_> = (0..random.within(1.0, 3.0) as usize)
                 .map(|_| {
-                    let tightest = if random.next() < 0.5 { 0.03 } else { 0.25 };
-                    random.spiral(tightest, (0.05, 40.0))
+                    let max_curvature = if random.next() < 0.5 { 0.03 } else { 0.25 };
+                    random.spiral(max_curvature, (0.05, 40.0))
                 })
                 .collect();
             let path = Path::new(start, &spirals).unwrap();
@@ -40,7 +40,7 @@ fn coarse_to_fine_and_flat_agree() {
             let mut probe = world.probe_path(&path);
             let flat = world.static_hit_from_start(&sweep, &allowance);
             assert_eq!(probe.cells(), sweep.cells());
-            // in both orders: what one asked for first must not change what the other gets
+            // in both orders: the first query must not change the result of the second
             let cap = random.within(0.1, 3.0);
             if random.next() < 0.5 {
                 assert_eq!(probe.static_hit(&allowance), flat, "{start:?} {spirals:?} {allowance:?}");
@@ -58,5 +58,5 @@ fn coarse_to_fine_and_flat_agree() {
         }
     }
     println!("free {}, hit in the first cell {}, road {}, obstacle {}", seen[0], seen[1], seen[2], seen[3]);
-    assert!(seen.iter().all(|n| *n > 500), "the test is about too little: {seen:?}");
+    assert!(seen.iter().all(|n| *n > 500), "too few samples of a kind: {seen:?}");
 }

@@ -1,4 +1,4 @@
-//! How far the conservative footprint reaches beyond what the vehicle covers.
+//! Excess of the conservative footprint over the area that the vehicle covers.
 
 use stopline::collision::Margins;
 use stopline::geometry::spiral::CubicSpiral;
@@ -7,14 +7,14 @@ use stopline::geometry::{Point, Pose};
 use crate::helpers::{no_margins, plain, scenario, vehicle, world};
 use crate::random::Random;
 
-/// Curvature ranges, 1/m, and the largest |κ′| driven in them, 1/m². A car at walking speed that turns its steering wheel
-/// as fast as it can comes to 0.1 1/m².
+/// Curvature ranges, 1/m, and the largest |κ′| in them, 1/m². A car at walking speed with its largest steering rate reaches
+/// 0.1 1/m².
 const RANGES: [(f64, f64); 5] = [(0.0, 0.05), (0.05, 0.1), (0.1, 0.15), (0.15, 0.2), (0.2, 0.3)];
-const STEEPEST: f64 = 0.1;
+const MAX_RATE: f64 = 0.1;
 const SPIRALS: usize = 150;
 const CELLS_OF_EACH: usize = 6;
-/// Promised up to 0.2 1/m, m.
-const PROMISED: f64 = 0.05;
+/// Guaranteed limit of the excess up to 0.2 1/m, m.
+const LIMIT: f64 = 0.05;
 
 /// Distance from the vehicle's rectangle at a pose, m, 0 inside.
 fn outside(pose: &Pose, p: Point) -> f64 {
@@ -31,7 +31,7 @@ fn vehicle_rectangle() -> (f64, f64, f64) {
     })
 }
 
-/// Points along the border of a polygon.
+/// Points on the border of a polygon.
 fn border(polygon: &[Point]) -> Vec<Point> {
     const EVERY: f64 = 0.04;
     let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
@@ -48,14 +48,14 @@ fn spiral(random: &mut Random, (from, to): (f64, f64)) -> CubicSpiral {
     loop {
         let spiral = random.spiral(1.2 * to, (3.0, 30.0));
         let k = spiral.max_abs_curvature();
-        if k > from && k <= to && spiral.max_abs_curvature_rate() <= STEEPEST {
+        if k > from && k <= to && spiral.max_abs_curvature_rate() <= MAX_RATE {
             return spiral;
         }
     }
 }
 
-/// The excess of some cells of the spiral, m: what of their footprints is farthest from everything covered on the whole
-/// way, densely sampled.
+/// The excess of some cells of the spiral, m: the largest distance of their footprints from the area covered on the whole
+/// path, by dense sampling.
 fn excesses(random: &mut Random, spiral: &CubicSpiral) -> Vec<f64> {
     const DENSE: f64 = 0.02;
     let start = Pose::new(0.0, 0.0, random.within(-3.0, 3.0));
@@ -69,7 +69,7 @@ fn excesses(random: &mut Random, spiral: &CubicSpiral) -> Vec<f64> {
             let low = poses.partition_point(|(s, _)| *s < from - by).saturating_sub(1);
             &poses[low..poses.partition_point(|(s, _)| *s < to + by).min(poses.len() - 1) + 1]
         };
-        // a body's length on both sides can cover the place, the cell itself mostly does
+        // poses within a body length can cover the point; poses in the cell itself usually do
         let nearest = |p: Point, poses: &[(f64, Pose)]| {
             poses.iter().map(|(_, pose)| outside(pose, p)).fold(f64::INFINITY, f64::min)
         };
@@ -81,7 +81,7 @@ fn excesses(random: &mut Random, spiral: &CubicSpiral) -> Vec<f64> {
 }
 
 #[test]
-fn footprints_are_at_most_five_centimetres_too_large() {
+fn footprints_exceed_the_covered_area_by_at_most_five_centimetres() {
     let mut random = Random::new(11);
     for range in RANGES {
         let mut all: Vec<f64> = (0..SPIRALS)
@@ -93,13 +93,13 @@ fn footprints_are_at_most_five_centimetres_too_large() {
         all.sort_by(f64::total_cmp);
         let at = |share: f64| 100.0 * all[((all.len() - 1) as f64 * share) as usize];
         println!(
-            "|κ| up to {:.2} 1/m, |κ′| up to {STEEPEST} 1/m²: excess median {:.2} cm, 90 % {:.2} cm, 99 % {:.2} cm, largest {:.2} cm",
+            "|κ| up to {:.2} 1/m, |κ′| up to {MAX_RATE} 1/m²: excess median {:.2} cm, 90 % {:.2} cm, 99 % {:.2} cm, largest {:.2} cm",
             range.1,
             at(0.5),
             at(0.9),
             at(0.99),
             at(1.0)
         );
-        assert!(range.1 > 0.2 || at(1.0) <= 100.0 * PROMISED, "{} cm at up to {} 1/m", at(1.0), range.1);
+        assert!(range.1 > 0.2 || at(1.0) <= 100.0 * LIMIT, "{} cm at up to {} 1/m", at(1.0), range.1);
     }
 }

@@ -1,4 +1,4 @@
-//! Occupied cells of grids, also of real ones, against dense sampling of points.
+//! Occupied cells of synthetic and published grids, compared with dense sampling of points.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ fn grid_of(origin: Pose, resolution: f64, width: usize, cells: Vec<Cell>) -> Occ
 }
 
 #[test]
-fn a_cell_stops_the_sweep_where_it_is_and_an_unknown_one_if_so_set() {
+fn occupied_cells_block_and_unknown_ones_if_configured() {
     for (cell, unknown_is_occupied, seen) in [
         (Cell::Occupied, false, true),
         (Cell::Unknown, false, false),
@@ -33,14 +33,14 @@ fn a_cell_stops_the_sweep_where_it_is_and_an_unknown_one_if_so_set() {
         assert_eq!(hit.map(|h| h.what), seen.then_some(Blocker::OccupiedCell), "{cell:?}");
         if let Some(hit) = hit {
             let truth = 30.0 - vehicle().front_overhang_from_rear_axle();
-            assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?} against {truth}");
+            assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?}, expected {truth}");
             let inside = world.start_overlap(&Pose::new(29.0, 0.0, 0.0), 0.0);
             assert_eq!(inside.map(|o| o.what), Some(Blocker::OccupiedCell));
         }
     }
 }
 
-/// The real maps of ROS, if they are on this machine.
+/// The published ROS maps, if they exist on this machine.
 fn real_grids() -> Vec<(PathBuf, OccupancyGrid)> {
     let data = std::env::var_os("STOPLINE_DATA").map_or_else(
         || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -57,7 +57,7 @@ fn real_grids() -> Vec<(PathBuf, OccupancyGrid)> {
     files.into_iter().map(|path| (path.clone(), ros_map::read_file(&path).unwrap_or_else(|e| panic!("{e}")))).collect()
 }
 
-/// Whether a cell is occupied anywhere within the bare footprint grown by `by`, by points no farther apart than `every`.
+/// Whether a cell is occupied inside the footprint inflated by `by`, by points at most `every` apart.
 fn touches(grid: &OccupancyGrid, pose: &Pose, by: f64, every: f64) -> bool {
     let [rear_right, _, front_left, _] = vehicle().footprint.bounding_rectangle();
     let along = |from: f64, to: f64| {
@@ -70,9 +70,9 @@ fn touches(grid: &OccupancyGrid, pose: &Pose, by: f64, every: f64) -> bool {
     })
 }
 
-/// Nothing that points in the footprint find is missed, and what is hit is no farther than the excess.
+/// No occupied point inside the footprint is missed, and every hit is within the excess.
 #[test]
-fn sweeps_over_real_grids_agree_with_sampled_points() {
+fn sweeps_over_published_grids_agree_with_sampled_points() {
     const SWEEPS: usize = 40;
     const EXCESS: f64 = 0.05;
     let mut random = Random::new(3);
@@ -98,13 +98,13 @@ fn sweeps_over_real_grids_agree_with_sampled_points() {
             assert_eq!(world.probe(&start, &spiral).static_hit(&Allowance::NONE), hit);
             match (truth, hit) {
                 (Some((s, pose)), None) => panic!("{}: missed at {s} m, {pose:?}", path.display()),
-                (Some((s, _)), Some(hit)) => assert!(hit.station <= *s, "{hit:?} against {s}"),
+                (Some((s, _)), Some(hit)) => assert!(hit.station <= *s, "{hit:?}, expected {s}"),
                 _ => {}
             }
             if let Some(hit) = hit {
                 let in_cell = poses.iter().filter(|(s, _)| (hit.station - 0.05..hit.station + 0.55).contains(s));
                 let near = in_cell.map(|(_, pose)| pose).any(|p| touches(&grid, p, EXCESS, 0.4 * grid.resolution()));
-                assert!(near, "{}: {hit:?} of {start:?} {spiral:?} is nothing", path.display());
+                assert!(near, "{}: false hit {hit:?} of {start:?} {spiral:?}", path.display());
                 hits += 1;
             } else {
                 free += 1;

@@ -1,4 +1,4 @@
-//! Worlds, shapes and slow simple geometry that the tests share.
+//! Worlds, shapes and simple brute-force geometry that the tests share.
 
 use proptest::prelude::*;
 use stopline::collision::{CollisionSettings, CollisionWorld, Margins};
@@ -74,8 +74,8 @@ pub(crate) fn overlaps(pose: &Pose, pieces: &[ConvexPart], by: f64) -> bool {
     })
 }
 
-pub(crate) fn spirals(tightest: f64) -> impl Strategy<Value = CubicSpiral> {
-    let k = -tightest..tightest;
+pub(crate) fn spirals(max_curvature: f64) -> impl Strategy<Value = CubicSpiral> {
+    let k = -max_curvature..max_curvature;
     ([k.clone(), k.clone(), k.clone(), k], 2.0..40.0f64).prop_map(|(knots, length)| CubicSpiral { knots, length })
 }
 

@@ -1,4 +1,4 @@
-//! The collision layer against slow and simple tests: dense sampling in space and time, on random spirals and obstacles.
+//! The collision checks compared with dense sampling in space and time, on random spirals and obstacles.
 
 mod coarse;
 mod excess;
@@ -19,7 +19,7 @@ use stopline::map::{Lanelet, Motion, Obstacle, Part, Shape, TimedOccupancy, Time
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// The first static hit comes no later than the first overlap found at 1 cm.
+    /// The first static hit is not later than the first overlap of poses every 1 cm.
     #[test]
     fn static_obstacles_are_never_missed(
         spiral in spirals(0.25), shape in shapes(), at in 0.0..1.0f64, aside in -4.0..4.0f64, turn in -3.0..3.0f64, yaw in -3.0..3.0f64,
@@ -39,10 +39,10 @@ proptest! {
         }
     }
 
-    /// Every pose driven in a cell lies inside the cell's footprint as a whole, margins included, at any spacing: without
-    /// the bound from curvature and spacing this fails at once.
+    /// Every pose in a cell is entirely inside the footprint of the cell, with margins, at any spacing. Without the bound from
+    /// curvature and spacing this fails.
     #[test]
-    fn every_driven_pose_lies_in_its_cell(
+    fn every_pose_is_inside_the_footprint_of_its_cell(
         spiral in spirals(0.25), yaw in -3.0..3.0f64, spacing in 0.1..2.0f64, lateral in 0.0..0.5f64, longitudinal in 0.0..0.5f64,
     ) {
         let margins = Margins { lateral, longitudinal };
@@ -56,8 +56,8 @@ proptest! {
             for i in 0..=20 {
                 let pose = spiral.point_at(&start, from + (to - from) * f64::from(i) / 20.0).pose;
                 for corner in vehicle().footprint.bounding_rectangle() {
-                    let grown = corner + Vector::new((corner.x - 1.4227).signum() * longitudinal, corner.y.signum() * lateral);
-                    let p = pose.to_world(grown);
+                    let inflated = corner + Vector::new((corner.x - 1.4227).signum() * longitudinal, corner.y.signum() * lateral);
+                    let p = pose.to_world(inflated);
                     for j in 0..hull.len() {
                         let (a, b) = (hull[j], hull[(j + 1) % hull.len()]);
                         let inside = cross(b - a, p - a) / (b - a).norm();
@@ -72,20 +72,20 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Leaving a winding road is never missed. The road is the boundary pair of a spiral, so it also bends.
+    /// A departure from a winding road is never missed. The road consists of the two bounds of a spiral.
     #[test]
     fn the_road_boundary_is_never_missed(road in spirals(0.06), driven in spirals(0.15), aside in -1.0..1.0f64, yaw in -0.3..0.3f64) {
         let origin = Pose::new(0.0, 0.0, 0.4);
-        let along: Vec<Pose> = dense(&origin.advanced(-6.0), &CubicSpiral { length: 6.0, knots: [0.0; 4] }, 3.0)
+        let poses: Vec<Pose> = dense(&origin.advanced(-6.0), &CubicSpiral { length: 6.0, knots: [0.0; 4] }, 3.0)
             .into_iter()
             .chain(dense(&origin, &road, 1.0).into_iter().skip(1))
             .map(|(_, pose)| pose)
             .collect();
-        let bound = |l: f64| Polyline::new(along.iter().map(|p| p.position + p.left() * l)).unwrap();
+        let bound = |l: f64| Polyline::new(poses.iter().map(|p| p.position + p.left() * l)).unwrap();
         let world = world(&scenario(vec![lanelet(1, bound(-2.0), bound(2.0))], vec![]), &no_margins());
         let start = Pose { position: origin.position + origin.left() * aside, yaw: origin.yaw + yaw };
         let outline: Vec<Point> = bound(-2.0).points().iter().chain(bound(2.0).points().iter().rev()).copied().collect();
-        // slow and simple: sides of the footprint against all sides of the outline
+        // brute force: all sides of the footprint against all sides of the outline
         let leaves = |pose: &Pose| {
             let body = footprint(pose);
             (0..4).any(|i| (0..outline.len()).any(|j| {
@@ -102,7 +102,7 @@ proptest! {
         }
     }
 
-    /// A driven speed profile that overlaps a moving obstacle somewhere, found at 1 cm and 5 ms, meets a blocked cell then.
+    /// If a motion overlaps a moving obstacle, sampled at 5 ms, its cell is blocked at that time.
     #[test]
     fn moving_obstacles_are_never_missed(
         spiral in spirals(0.2), shape in shapes(), speed in 0.5..15.0f64,
@@ -118,8 +118,8 @@ proptest! {
             let time = i as f64 * step + (meet * duration - 2.0).max(0.0);
             let dt = time - meet * duration;
             let yaw = heading + yaw_rate * dt;
-            let way = place.position + Vector::new((heading + 0.5 * yaw_rate * dt).cos(), (heading + 0.5 * yaw_rate * dt).sin()) * (other * dt);
-            TimedPose { time, pose: Pose { position: way, yaw }, speed: other }
+            let position = place.position + Vector::new((heading + 0.5 * yaw_rate * dt).cos(), (heading + 0.5 * yaw_rate * dt).sin()) * (other * dt);
+            TimedPose { time, pose: Pose { position, yaw }, speed: other }
         }).collect();
         let moving = obstacle(5, shape, Motion::Trajectory(states));
         let world = world(&scenario(plain(), vec![moving.clone()]), &no_margins());
@@ -136,9 +136,9 @@ proptest! {
         }
     }
 
-    /// Mirrored and moved by 1e6 m, the answers are the same.
+    /// Results do not change if the map is mirrored and translated by 1e6 m.
     #[test]
-    fn mirrored_and_far_away_the_answers_are_the_same(
+    fn results_are_invariant_under_mirroring_and_translation(
         spiral in spirals(0.15), shape in (0.2..5.0f64, 0.2..2.5f64), x in 0.0..30.0f64, y in -6.0..6.0f64, turn in -3.0..3.0f64, speed in 0.0..10.0f64,
     ) {
         let ask = |flip: f64, shift: Vector| {
@@ -176,16 +176,16 @@ fn rings(world: &CollisionWorld) -> usize {
 }
 
 #[test]
-fn a_hairline_gap_between_neighbours_is_no_boundary() {
+fn a_hairline_gap_between_neighbours_is_closed() {
     let lane = |id, low: f64, high: f64| straight_lanelet(id, (0.0, 100.0), low, high);
     let gap = |g: f64| vec![lane(1, -3.5, 0.0), lane(2, g, 3.5)];
     for (g, expected) in [(0.0, 1), (0.01, 1), (0.015, 2), (0.5, 2)] {
         let world = world(&scenario(gap(g), vec![]), &CollisionSettings::default());
         assert_eq!(rings(&world), expected, "gap {g}");
-        let along = world.sweep(&Pose::new(10.0, 0.0, 0.0), &straight(50.0));
-        assert_eq!(world.static_hit(&along).is_none(), expected == 1, "gap {g}");
+        let sweep = world.sweep(&Pose::new(10.0, 0.0, 0.0), &straight(50.0));
+        assert_eq!(world.static_hit(&sweep).is_none(), expected == 1, "gap {g}");
     }
-    // one behind the other
+    // one after the other
     let behind = vec![straight_lanelet(1, (0.0, 50.0), -2.0, 2.0), straight_lanelet(2, (50.01, 100.0), -2.0, 2.0)];
     let world = world(&scenario(behind, vec![]), &CollisionSettings::default());
     assert_eq!(rings(&world), 1);
@@ -193,7 +193,7 @@ fn a_hairline_gap_between_neighbours_is_no_boundary() {
 }
 
 #[test]
-fn a_roundabout_keeps_its_island() {
+fn a_roundabout_has_its_island() {
     let ring = |r: f64, from: f64, to: f64| {
         Polyline::new((0..=20).map(|i| {
             let a = from + (to - from) * f64::from(i) / 20.0;
@@ -227,13 +227,13 @@ fn a_roundabout_keeps_its_island() {
     ]));
     let round = CubicSpiral { knots: [0.1; 4], length: 60.0 };
     assert!(world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 4.0), &round)).is_none());
-    let across = world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 2.0), &straight(10.0))).unwrap();
-    assert_eq!((across.what, across.cell), (Blocker::RoadBoundary, 0));
+    let hit = world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 2.0), &straight(10.0))).unwrap();
+    assert_eq!((hit.what, hit.cell), (Blocker::RoadBoundary, 0));
 }
 
 #[test]
-fn an_island_inside_the_footprint_is_seen() {
-    // four lanelets around a hole of 0.4 m × 0.4 m, smaller than the car in every direction
+fn detects_an_island_inside_the_footprint() {
+    // four lanelets around a hole of 0.4 m × 0.4 m, smaller than the vehicle in every direction
     let lanes = vec![
         straight_lanelet(1, (-20.0, 20.0), 0.2, 5.0),
         straight_lanelet(2, (-20.0, 20.0), -5.0, -0.2),
@@ -250,7 +250,7 @@ fn an_island_inside_the_footprint_is_seen() {
 }
 
 #[test]
-fn a_road_exactly_as_wide_as_the_vehicle_and_its_margin_is_driven() {
+fn a_road_as_wide_as_the_vehicle_and_its_margin_is_free() {
     let half = 0.5 * vehicle().width;
     let fits = |spare: f64| {
         let world = world(&scenario(straight_road(80.0, half + spare), vec![]), &CollisionSettings::default());
@@ -267,19 +267,19 @@ fn a_road_exactly_as_wide_as_the_vehicle_and_its_margin_is_driven() {
 }
 
 #[test]
-fn the_end_of_the_road_is_found_to_the_cell() {
+fn the_end_of_the_road_blocks_the_right_cell() {
     let world = world(&scenario(straight_road(50.0, 3.0), vec![]), &no_margins());
     let hit = world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(60.0))).unwrap();
     let truth = 50.0 - vehicle().front_overhang_from_rear_axle();
-    assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?} against {truth}");
+    assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?}, expected {truth}");
 }
 
 #[test]
-fn degenerate_lanelets_keep_their_surface() {
+fn degenerate_lanelets_have_their_area() {
     let contains = |l: Lanelet, inside: &[(f64, f64)]| {
         let world = world(&scenario(vec![l], vec![]), &CollisionSettings::default());
         for &(x, y) in inside {
-            assert!(world.statics().road().contains(Point::new(x, y)), "({x}, {y}) is lost");
+            assert!(world.statics().road().contains(Point::new(x, y)), "({x}, {y}) is not in the area");
         }
     };
     let (low, high) = (line(&[(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]), line(&[(0.0, 3.0), (10.0, 3.0), (20.0, 3.0)]));
@@ -291,16 +291,16 @@ fn degenerate_lanelets_keep_their_surface() {
         lanelet(1, line(&[(0.0, 0.0), (20.0, 3.0)]), line(&[(0.0, 3.0), (20.0, 0.0)])),
         &[(2.0, 1.5), (18.0, 1.5)],
     );
-    // the inner bound of a sharp bend folds back over itself
+    // the inner bound of a sharp curve folds over itself
     let folded = line(&[(0.0, 1.0), (9.0, 1.0), (11.0, 1.0), (9.0, 1.5), (9.0, 11.0)]);
     contains(
         lanelet(1, line(&[(0.0, -2.0), (8.0, -2.0), (12.0, -2.0), (12.0, 2.0), (12.0, 11.0)]), folded),
         &[(5.0, 0.0), (10.0, -1.0), (11.5, 5.0)],
     );
-    // two points against many
+    // bounds with two points and with many
     let many = Polyline::new((0..30).map(|i| Point::new(f64::from(i), 3.0))).unwrap();
     contains(lanelet(1, line(&[(0.0, 0.0), (29.0, 0.0)]), many), &[(5.0, 0.1), (25.0, 2.9), (14.5, 1.5)]);
-    // without width there is nothing, and no panic
+    // a lanelet without width has no area and causes no panic
     let world = world(&scenario(vec![lanelet(1, low.clone(), low)], vec![]), &CollisionSettings::default());
     assert!(!world.statics().road().contains(Point::new(5.0, 1.0)));
     assert_eq!(
@@ -310,7 +310,7 @@ fn degenerate_lanelets_keep_their_surface() {
 }
 
 #[test]
-fn without_any_lanelet_everything_is_off_the_road() {
+fn a_map_without_lanelets_has_no_road() {
     let world = world(&scenario(vec![], vec![]), &CollisionSettings::default());
     assert!(world.statics().road().is_empty());
     let hit = world.static_hit(&world.sweep(&Pose::new(1e6, 0.0, 0.0), &straight(5.0))).unwrap();
@@ -318,7 +318,7 @@ fn without_any_lanelet_everything_is_off_the_road() {
 }
 
 #[test]
-fn a_start_partly_off_the_road_says_how_far_and_can_be_left() {
+fn a_start_partly_off_the_road_has_a_depth_and_an_allowance() {
     let world = world(&scenario(straight_road(80.0, 3.0), vec![]), &CollisionSettings::default());
     let half = 0.5 * vehicle().width;
     let start = Pose::new(0.0, 3.0 - half + 0.3, 0.0);
@@ -335,7 +335,7 @@ fn a_start_partly_off_the_road_says_how_far_and_can_be_left() {
 }
 
 #[test]
-fn starting_in_an_obstacle_names_it_and_its_depth() {
+fn a_start_in_an_obstacle_reports_its_id_and_depth() {
     let parked = obstacle(7, Shape::rectangle(4.0, 2.0), Motion::Static(Pose::new(5.0, 0.0, 0.0)));
     let states = vec![
         TimedPose { time: 1.0, pose: Pose::new(20.0, 0.0, 0.0), speed: 0.0 },
@@ -344,7 +344,7 @@ fn starting_in_an_obstacle_names_it_and_its_depth() {
     let guest = obstacle(8, circle(1.0), Motion::Trajectory(states));
     let world = world(&scenario(plain(), vec![guest, parked]), &CollisionSettings::default());
     let hit = world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0).unwrap();
-    // front bumper at 1.4227 + 2.254, the parked one's rear at 3
+    // front bumper at 1.4227 + 2.254, rear of the parked car at 3
     assert_eq!(hit.what, Blocker::Obstacle(7));
     assert!((hit.depth - 0.6767).abs() < 1e-9, "{hit:?}");
     let beside = Pose::new(18.0, 0.0, 0.0);
@@ -353,8 +353,8 @@ fn starting_in_an_obstacle_names_it_and_its_depth() {
     assert!(world.start_overlap(&beside, 2.5).is_none(), "gone");
 }
 
-/// Ground truth on a straight road: times at which the vehicle, anywhere in the cell, overlaps the obstacle, at 1 ms.
-fn blocked_by_force(moving: &Obstacle, cell: (f64, f64), until: f64) -> Vec<f64> {
+/// Brute force on a straight road: times, every 1 ms, at which the vehicle, anywhere in the cell, overlaps the obstacle.
+fn blocked_by_brute_force(moving: &Obstacle, cell: (f64, f64), until: f64) -> Vec<f64> {
     let poses: Vec<Pose> =
         (0..=20).map(|i| Pose::new(cell.0 + (cell.1 - cell.0) * f64::from(i) / 20.0, 0.0, 0.0)).collect();
     (0..(until * 1000.0) as u32)
@@ -376,7 +376,7 @@ fn constant_motion(from: Pose, speed: f64, until: f64) -> Motion {
 }
 
 #[test]
-fn crossing_following_and_oncoming_are_blocked_when_they_are_there_and_not_a_slice_longer() {
+fn moving_obstacles_block_cells_for_at_most_one_additional_slice() {
     let half_pi = std::f64::consts::FRAC_PI_2;
     let cases = [
         ("crossing", Pose::new(20.0, -12.0, half_pi), 5.0),
@@ -391,13 +391,13 @@ fn crossing_following_and_oncoming_are_blocked_when_they_are_there_and_not_a_sli
         let grid = world.blocked(&[&sweep], 0.0, 8.0);
         assert!(!grid.is_free(), "{name}");
         for cell in (0..grid.cells()).step_by(5) {
-            let truth = blocked_by_force(&moving, (grid.stations()[cell], grid.stations()[cell + 1]), 6.0);
+            let truth = blocked_by_brute_force(&moving, (grid.stations()[cell], grid.stations()[cell + 1]), 6.0);
             for t in &truth {
                 assert!(grid.is_blocked(cell, *t, *t), "{name}: cell {cell} at {t} s is missed");
             }
             for b in grid.intervals(cell) {
                 assert_eq!(b.obstacle, 3);
-                // whole slices: at each end at most one slice more than the truth, and a slice of motion at 1 ms
+                // whole slices: at most one additional slice at each end
                 let near = |t: f64| truth.iter().any(|x| (x - t).abs() < 0.102);
                 assert!(
                     near(b.from) && near(b.to),
@@ -411,7 +411,7 @@ fn crossing_following_and_oncoming_are_blocked_when_they_are_there_and_not_a_sli
 }
 
 #[test]
-fn a_prediction_set_blocks_while_it_holds_and_until_the_next_begins() {
+fn a_prediction_set_is_valid_until_the_next_one_starts() {
     let square =
         |x: f64| Shape { parts: vec![Part::Rectangle { centre: Pose::new(x, 0.0, 0.0), length: 2.0, width: 2.0 }] };
     let sets = vec![
@@ -449,7 +449,7 @@ fn chained_sweeps_give_the_grid_of_the_whole_path() {
 }
 
 #[test]
-fn margins_are_kept_from_obstacles_and_clearance_measures_without_them() {
+fn hits_include_margins_and_clearance_does_not() {
     let at = |gap: f64| {
         let parked = obstacle(7, Shape::rectangle(4.0, 2.0), Motion::Static(Pose::new(15.0, 1.0 + 0.805 + gap, 0.0)));
         let world = world(&scenario(plain(), vec![parked]), &CollisionSettings::default());
@@ -463,7 +463,7 @@ fn margins_are_kept_from_obstacles_and_clearance_measures_without_them() {
 }
 
 #[test]
-fn settings_out_of_range_are_named() {
+fn rejects_settings_out_of_range() {
     let bad = CollisionSettings { spacing: 0.0, ..CollisionSettings::default() };
     assert_eq!(bad.validate().unwrap_err().field, "spacing");
     let bad = CollisionSettings { time_slice: f64::NAN, ..CollisionSettings::default() };
@@ -474,7 +474,7 @@ fn settings_out_of_range_are_named() {
     assert!(toml::from_str::<CollisionSettings>("spacings = 0.25").is_err());
 }
 
-/// Where the real files are, if they are on this machine.
+/// The published CommonRoad files, if they exist on this machine.
 fn commonroad_files() -> Vec<std::path::PathBuf> {
     let data = std::env::var_os("STOPLINE_DATA").map_or_else(
         || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -490,9 +490,9 @@ fn commonroad_files() -> Vec<std::path::PathBuf> {
     files
 }
 
-/// On real maps no lanelet loses surface, and the area hardly goes beyond them.
+/// On published maps the area contains every lanelet.
 #[test]
-fn real_maps_keep_every_lanelet() {
+fn published_maps_contain_every_lanelet() {
     let files = commonroad_files();
     let mut bad_starts = 0;
     for file in &files {
@@ -503,14 +503,16 @@ fn real_maps_keep_every_lanelet() {
         let built = clock.elapsed();
         let road = world.statics().road();
         let outer = road.rings().filter(|r| ring_area(r) > 0.0).count();
-        let mut lost = 0;
+        let mut missing = 0;
         for lanelet in scenario.network.lanelets.values() {
             for i in 1..20 {
                 let share = f64::from(i) / 20.0;
                 let (l, r) =
                     (lanelet.left.at(share * lanelet.left.length()), lanelet.right.at(share * lanelet.right.length()));
-                for across in [0.001, 0.3, 0.5, 0.999] {
-                    lost += usize::from(!road.contains(l + (r - l) * across) && lanelet.contains(l + (r - l) * across));
+                for share_of_width in [0.001, 0.3, 0.5, 0.999] {
+                    missing += usize::from(
+                        !road.contains(l + (r - l) * share_of_width) && lanelet.contains(l + (r - l) * share_of_width),
+                    );
                 }
             }
         }
@@ -524,10 +526,10 @@ fn real_maps_keep_every_lanelet() {
             road.rings().count(),
             built.as_secs_f64() * 1e3,
         );
-        assert_eq!(lost, 0, "{name}");
+        assert_eq!(missing, 0, "{name}");
         bad_starts += usize::from(start.is_some());
     }
-    // the independent referee finds as many starts in a collision or off the road
+    // the reference checker reports as many starts in collision or off the road
     assert!(files.len() != 78 || bad_starts == 6, "{bad_starts} bad starts");
 }
 

@@ -1,4 +1,4 @@
-//! A million random sweeps against dense sampling: nothing that the vehicle touches is missed.
+//! A million random sweeps compared with dense sampling: no false negatives.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -8,21 +8,21 @@ use stopline::geometry::{Point, Pose};
 use stopline::map::ConvexPart;
 
 use crate::helpers::{no_margins, vehicle};
-use crate::random::{Land, Random};
+use crate::random::{Random, RandomMap};
 
-const LANDS: usize = 250;
+const MAPS: usize = 250;
 const SWEEPS_EACH: usize = 4_000;
-const THINGS: i64 = 24;
-/// Distance of the poses that tell the truth, m.
+const OBJECTS: i64 = 24;
+/// Distance between the poses of the dense sampling, m.
 const DENSE: f64 = 0.05;
-/// Overlaps deeper than this count, m: rounding.
+/// Smallest depth of an overlap, m: rounding.
 const DEPTH: f64 = 1e-9;
-/// Corners of a thing at most.
-const MOST_CORNERS: usize = 8;
+/// Maximum number of corners of an object.
+const MAX_CORNERS: usize = 8;
 /// A free sweep that this margin (m) would stop is a near miss.
 const NEAR: f64 = 0.05;
 
-/// What may be touched: the corners of a convex polygon or the ends of a segment, or a circle.
+/// A convex polygon, a segment or a circle.
 struct Touchable {
     points: Vec<Point>,
     radius: f64,
@@ -40,7 +40,7 @@ impl Touchable {
     }
 }
 
-/// The bare vehicle's rectangle in the rear-axle frame.
+/// The rectangle of the vehicle without margins, in the rear-axle frame.
 struct Rectangle {
     rear: f64,
     front: f64,
@@ -57,21 +57,21 @@ impl Rectangle {
         self.front.max(-self.rear).hypot(self.half_width)
     }
 
-    /// Whether the rectangle at a pose overlaps: separating axes of both, in the vehicle's frame.
-    fn touches(&self, pose: &Pose, thing: &Touchable) -> bool {
-        let near = self.reach() + thing.reach;
-        if (thing.centre - pose.position).norm_squared() > near * near {
+    /// Whether the rectangle at a pose overlaps an object: separating axes of both, in the frame of the vehicle.
+    fn touches(&self, pose: &Pose, object: &Touchable) -> bool {
+        let near = self.reach() + object.reach;
+        if (object.centre - pose.position).norm_squared() > near * near {
             return false;
         }
         let local = |p: &Point| pose.to_local(*p);
-        if thing.radius > 0.0 {
-            let p = local(&thing.points[0]);
+        if object.radius > 0.0 {
+            let p = local(&object.points[0]);
             let (dx, dy) = ((self.rear - p.x).max(p.x - self.front).max(0.0), (p.y.abs() - self.half_width).max(0.0));
-            return dx.hypot(dy) < thing.radius - DEPTH;
+            return dx.hypot(dy) < object.radius - DEPTH;
         }
-        let mut buffer = [Point::origin(); MOST_CORNERS];
-        let points = &mut buffer[..thing.points.len()];
-        points.iter_mut().zip(&thing.points).for_each(|(to, from)| *to = local(from));
+        let mut buffer = [Point::origin(); MAX_CORNERS];
+        let points = &mut buffer[..object.points.len()];
+        points.iter_mut().zip(&object.points).for_each(|(to, from)| *to = local(from));
         let beyond = |f: &dyn Fn(&Point) -> f64| points.iter().all(|p| f(p) > -DEPTH);
         if beyond(&|p| p.x - self.front) || beyond(&|p| self.rear - p.x) {
             return false;
@@ -98,44 +98,45 @@ impl Rectangle {
 #[derive(Debug, Default, Clone, Copy)]
 struct Count {
     sweeps: usize,
-    /// Truly touching, obstacle or road.
+    /// Contacts with an obstacle.
     obstacles: usize,
+    /// Contacts with the road boundary.
     road: usize,
-    /// Hit reported and nothing touched at the dense poses.
-    too_careful: usize,
+    /// Hits without a contact at the dense poses.
+    false_positives: usize,
     near_misses: usize,
 }
 
-/// What the dense poses touch first: station and whether it is the road's edge.
-fn truth(body: &Rectangle, things: &[Touchable], start: &Pose, spiral: &CubicSpiral) -> Option<(f64, Blocker)> {
+/// The first contact of the dense poses: station and blocker.
+fn truth(body: &Rectangle, objects: &[Touchable], start: &Pose, spiral: &CubicSpiral) -> Option<(f64, Blocker)> {
     let far = spiral.length + body.reach();
     let close = |t: &&Touchable| (t.centre - start.position).norm() <= far + t.reach;
-    let things: Vec<&Touchable> = things.iter().filter(close).collect();
+    let objects: Vec<&Touchable> = objects.iter().filter(close).collect();
     let n = (spiral.length / DENSE).ceil() as usize;
     spiral
         .samples(start, n)
-        .find_map(|(s, point)| Some((s, things.iter().find(|t| body.touches(&point.pose, t))?.what)))
+        .find_map(|(s, point)| Some((s, objects.iter().find(|t| body.touches(&point.pose, t))?.what)))
 }
 
-fn check_land(seed: u64) -> Count {
+fn check_map(seed: u64) -> Count {
     let mut random = Random::new(seed);
-    let land = Land::new(&mut random, THINGS);
-    let bare = land.world(&no_margins());
+    let map = RandomMap::new(&mut random, OBJECTS);
+    let bare = map.world(&no_margins());
     let near = Margins::uniform(NEAR);
-    let careful = land.world(&CollisionSettings { static_obstacles: near, road: NEAR, ..no_margins() });
-    let obstacles = land.scenario.obstacles.iter().flat_map(|o| o.occupied_at(0.0).into_iter().map(|p| (o.id, p)));
+    let near_world = map.world(&CollisionSettings { static_obstacles: near, road: NEAR, ..no_margins() });
+    let obstacles = map.scenario.obstacles.iter().flat_map(|o| o.occupied_at(0.0).into_iter().map(|p| (o.id, p)));
     let of_part = |(id, part): (i64, ConvexPart)| match part {
         ConvexPart::Polygon(points) => Touchable::new(points, 0.0, Blocker::Obstacle(id)),
         ConvexPart::Circle { centre, radius } => Touchable::new(vec![centre], radius, Blocker::Obstacle(id)),
     };
-    let ring = land.outline.iter().zip(land.outline.iter().cycle().skip(1));
+    let ring = map.outline.iter().zip(map.outline.iter().cycle().skip(1));
     let edges = ring.map(|(a, b)| Touchable::new(vec![*a, *b], 0.0, Blocker::RoadBoundary));
-    let things: Vec<Touchable> = obstacles.map(of_part).chain(edges).collect();
+    let objects: Vec<Touchable> = obstacles.map(of_part).chain(edges).collect();
     let body = Rectangle::new();
     let mut count = Count::default();
     while count.sweeps < SWEEPS_EACH {
-        let start = land.start(&mut random);
-        if things.iter().any(|t| body.touches(&start, t)) {
+        let start = map.start(&mut random);
+        if objects.iter().any(|t| body.touches(&start, t)) {
             continue;
         }
         let spiral = random.spiral(0.25, (2.0, 12.0));
@@ -143,32 +144,29 @@ fn check_land(seed: u64) -> Count {
         let hit = bare.static_hit(&sweep);
         assert_eq!(bare.probe(&start, &spiral).static_hit(&Allowance::NONE), hit, "{start:?} {spiral:?}");
         count.sweeps += 1;
-        match (truth(&body, &things, &start, &spiral), hit) {
+        match (truth(&body, &objects, &start, &spiral), hit) {
             (Some((s, what)), None) => panic!("{what:?} at {s} m of {start:?} {spiral:?} is missed"),
             (Some((s, what)), Some(hit)) => {
-                assert!(
-                    hit.station <= s,
-                    "{what:?} at {s} m of {start:?} {spiral:?} is seen at {} m only",
-                    hit.station
-                );
+                assert!(hit.station <= s, "{what:?} at {s} m of {start:?} {spiral:?} is hit only at {} m", hit.station);
                 *(if what == Blocker::RoadBoundary { &mut count.road } else { &mut count.obstacles }) += 1;
             }
-            (None, Some(_)) => count.too_careful += 1,
+            (None, Some(_)) => count.false_positives += 1,
             (None, None) => {
-                count.near_misses += usize::from(careful.probe(&start, &spiral).static_hit(&Allowance::NONE).is_some());
+                count.near_misses +=
+                    usize::from(near_world.probe(&start, &spiral).static_hit(&Allowance::NONE).is_some());
             }
         }
     }
     count
 }
 
-/// The same sweeps on any machine; counted, so that one sees that the test bites.
+/// The sweeps are the same on every machine. Their counts show that the test covers all outcomes.
 #[test]
-fn a_million_sweeps_miss_nothing() {
+fn a_million_sweeps_have_no_false_negatives() {
     let (next, threads) = (AtomicUsize::new(0), std::thread::available_parallelism().map_or(1, usize::from));
     let work = || {
-        let lands = std::iter::from_fn(|| Some(next.fetch_add(1, Ordering::Relaxed)).filter(|i| *i < LANDS));
-        lands.map(|i| check_land(i as u64 + 1)).collect::<Vec<Count>>()
+        let maps = std::iter::from_fn(|| Some(next.fetch_add(1, Ordering::Relaxed)).filter(|i| *i < MAPS));
+        maps.map(|i| check_map(i as u64 + 1)).collect::<Vec<Count>>()
     };
     let counts: Vec<Count> = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
@@ -176,11 +174,11 @@ fn a_million_sweeps_miss_nothing() {
     });
     let sum = |of: fn(&Count) -> usize| counts.iter().map(of).sum::<usize>();
     let (sweeps, obstacles, road) = (sum(|c| c.sweeps), sum(|c| c.obstacles), sum(|c| c.road));
-    let (careful, near) = (sum(|c| c.too_careful), sum(|c| c.near_misses));
+    let (false_positives, near) = (sum(|c| c.false_positives), sum(|c| c.near_misses));
     println!(
-        "{sweeps} sweeps: {obstacles} touch an obstacle and {road} the road's edge, none is missed; {careful} are stopped by less than the excess, {near} pass within {NEAR} m"
+        "{sweeps} sweeps: {obstacles} touch an obstacle and {road} the road boundary, no false negatives; {false_positives} false positives within the excess, {near} pass within {NEAR} m"
     );
-    assert_eq!(sweeps, LANDS * SWEEPS_EACH);
-    assert!(obstacles > sweeps / 10 && road > sweeps / 20 && near > sweeps / 200, "the test is about too little");
-    assert!(careful < sweeps / 100, "{careful} sweeps are stopped by nothing");
+    assert_eq!(sweeps, MAPS * SWEEPS_EACH);
+    assert!(obstacles > sweeps / 10 && road > sweeps / 20 && near > sweeps / 200, "too few samples of a kind");
+    assert!(false_positives < sweeps / 100, "{false_positives} false positives");
 }

@@ -1,4 +1,4 @@
-//! Random land: a winding road with small convex things on it, and spirals among them, from a seed.
+//! Random maps from a seed: a winding road with small convex objects, and spirals among them.
 
 use stopline::collision::{CollisionSettings, CollisionWorld};
 use stopline::geometry::polyline::Polyline;
@@ -31,9 +31,9 @@ impl Random {
         from + (to - from) * self.next()
     }
 
-    /// Knots up to `tightest` (1/m) times a random scale: from hardly bent to wild.
-    pub(crate) fn spiral(&mut self, tightest: f64, lengths: (f64, f64)) -> CubicSpiral {
-        let scale = tightest * self.next();
+    /// Knots up to `max_curvature` (1/m) times a random scale.
+    pub(crate) fn spiral(&mut self, max_curvature: f64, lengths: (f64, f64)) -> CubicSpiral {
+        let scale = max_curvature * self.next();
         CubicSpiral {
             knots: std::array::from_fn(|_| self.within(-scale, scale)),
             length: self.within(lengths.0, lengths.1),
@@ -41,9 +41,9 @@ impl Random {
     }
 }
 
-/// A road of some bends with things on it.
-pub(crate) struct Land {
-    /// Poses of the road's middle, 2 m apart.
+/// A winding road with objects on it.
+pub(crate) struct RandomMap {
+    /// Poses of the centre line of the road, 2 m apart.
     pub(crate) middle: Vec<Pose>,
     pub(crate) half_width: f64,
     /// The outline of the surface, a ring.
@@ -51,10 +51,10 @@ pub(crate) struct Land {
     pub(crate) scenario: Scenario,
 }
 
-impl Land {
-    /// 90 m of road, 6 to 16 m wide, that bends with a radius of 15 m at least; `things` of 0.2 to 2 m on it, one in a
+impl RandomMap {
+    /// 90 m of road, 6 to 16 m wide, that bends with a radius of 15 m at least; `objects` of 0.2 to 2 m on it, one in a
     /// hundred of 5 m.
-    pub(crate) fn new(random: &mut Random, things: i64) -> Self {
+    pub(crate) fn new(random: &mut Random, objects: i64) -> Self {
         let spiral = random.spiral(0.035, (89.0, 90.0));
         let start = Pose::new(random.within(-900.0, 900.0), random.within(-900.0, 900.0), random.within(-3.1, 3.1));
         let middle: Vec<Pose> = spiral.sampled(&start, 45).into_iter().map(|(_, p)| p.pose).collect();
@@ -63,7 +63,7 @@ impl Land {
         let (left, right) = (side(half_width), side(-half_width));
         let outline = right.iter().chain(left.iter().rev()).copied().collect();
         let lanes = vec![lanelet(1, Polyline::new(right).unwrap(), Polyline::new(left).unwrap())];
-        let obstacles: Vec<Obstacle> = (0..things).map(|id| thing(random, id, &middle, half_width)).collect();
+        let obstacles: Vec<Obstacle> = (0..objects).map(|id| object(random, id, &middle, half_width)).collect();
         Self { middle, half_width, outline, scenario: scenario(lanes, obstacles) }
     }
 
@@ -71,7 +71,7 @@ impl Land {
         world(&self.scenario, settings)
     }
 
-    /// A pose on the road, in about its direction, with room ahead.
+    /// A pose on the road, roughly in its direction, with road ahead.
     pub(crate) fn start(&self, random: &mut Random) -> Pose {
         let i = random.within(2.0, 0.6 * self.middle.len() as f64) as usize;
         let l = random.within(-1.0, 1.0) * (self.half_width - 1.0);
@@ -81,7 +81,7 @@ impl Land {
 }
 
 /// A rectangle, circle or convex polygon somewhere on the road.
-fn thing(random: &mut Random, id: i64, middle: &[Pose], half_width: f64) -> Obstacle {
+fn object(random: &mut Random, id: i64, middle: &[Pose], half_width: f64) -> Obstacle {
     let at = middle[random.within(0.0, middle.len() as f64) as usize];
     let size = if random.next() < 0.01 { 5.0 } else { random.within(0.2, 2.0) };
     let shape = match id % 3 {
