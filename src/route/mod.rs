@@ -128,7 +128,7 @@ struct Footing {
     outside: f64,
 }
 
-/// MotionPlanner a route from the vehicle's centre to the goals (alternatives). Goals without a position ask only to go on.
+/// Plans a route from the vehicle's centre to the goals (alternatives). Goals without a position ask only to go on.
 #[must_use]
 pub fn plan(network: &RoadNetwork, start: &Pose, goals: &[Goal], settings: &RouteSettings) -> RouteOutcome {
     let graph = LaneGraph::new(network);

@@ -9,7 +9,7 @@
 //!   ([`zero_phase_low_pass`](super::zero_phase_low_pass)) averages over less and is therefore stricter. Below 20 m/s the
 //!   standard allows more acceleration; here the limit for high speed applies at every speed.
 //! - **ISO 11270** (lane keeping assistance): 3 m/s² and 5 m/s³ lateral. The standard averages the jerk over 0.5 s.
-//! - **UN R157** (automated lane keeping): a deceleration of 4.0 m/s², the limit that its minimum-risk manoeuvre aims for.
+//! - **UN R157** (automated lane keeping): a deceleration of 4.0 m/s², the limit that its minimum-risk maneuver aims for.
 
 use std::str::FromStr;
 
