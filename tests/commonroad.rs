@@ -116,7 +116,7 @@ fn centre_lines_are_between_bounds_and_obstacles_do_not_jump() {
         }
     }
     // The others have bounds that fold back, or a bound of a few centimetres.
-    println!("{between} of {lanelets} middles lie between their bounds");
+    println!("{between} of {lanelets} middles are between their bounds");
     println!("{jumps} of {steps} steps are faster than the speeds around them");
     assert!(200 * jumps < steps);
     assert!(between as f64 > 0.995 * lanelets as f64);

@@ -230,10 +230,7 @@ impl Expansion<'_> {
         if let Some(vehicle) = self.vehicles.get(&called) {
             return Ok((called, Arc::clone(vehicle)));
         }
-        let vehicle = vehicle::load(&called).map_err(|e| {
-            let near = settings_file::nearest(name, vehicle::builtin_names().iter().copied());
-            near.map_or_else(|| e.to_string(), |near| format!("{e}\ndid you mean `{near}`?"))
-        })?;
+        let vehicle = vehicle::load(&called).map_err(|e| e.to_string())?;
         let vehicle = Arc::new(vehicle);
         self.vehicles.insert(called.clone(), Arc::clone(&vehicle));
         Ok((called, vehicle))
