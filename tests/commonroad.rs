@@ -1,11 +1,12 @@
-//! The reader on published scenarios. The files are not part of the project: without them, the test says so and passes.
+//! Tests of the reader on published scenarios. The files are not part of the project: without them, the tests are skipped
+//! with a message.
 
 use std::path::PathBuf;
 
 use stopline::io::commonroad::read_file;
 use stopline::map::{Motion, Scenario};
 
-/// The folder of real scenarios, if it is there.
+/// The folder of published scenarios, if it exists.
 fn scenarios() -> Option<PathBuf> {
     let root = std::env::var_os("STOPLINE_DATA")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
@@ -17,7 +18,7 @@ fn scenarios() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// A row of the index: what another program counted in the file.
+/// A row of the index: values of the file counted by another program.
 #[derive(Debug)]
 struct Row {
     file: String,
@@ -79,7 +80,7 @@ fn compare(row: &Row, s: &Scenario) {
 }
 
 #[test]
-fn every_real_scenario_is_read_as_the_index_says() {
+fn reads_every_published_scenario_as_its_index_says() {
     let Some(folder) = scenarios() else { return };
     let rows = rows(&folder);
     assert!(rows.len() >= 70);
@@ -93,7 +94,7 @@ fn every_real_scenario_is_read_as_the_index_says() {
 }
 
 #[test]
-fn real_lanes_lie_between_their_bounds_and_real_obstacles_do_not_jump() {
+fn centre_lines_are_between_bounds_and_obstacles_do_not_jump() {
     let Some(folder) = scenarios() else { return };
     let (mut lanelets, mut between, mut steps, mut jumps) = (0, 0, 0, 0);
     for row in rows(&folder) {
@@ -114,8 +115,8 @@ fn real_lanes_lie_between_their_bounds_and_real_obstacles_do_not_jump() {
             }
         }
     }
-    // The rest have bounds that fold back on themselves, or one bound that is a few centimetres long.
-    println!("{between} of {lanelets} middles lie between their bounds");
+    // The others have bounds that fold back, or a bound of a few centimetres.
+    println!("{between} of {lanelets} middles are between their bounds");
     println!("{jumps} of {steps} steps are faster than the speeds around them");
     assert!(200 * jumps < steps);
     assert!(between as f64 > 0.995 * lanelets as f64);

@@ -1,5 +1,5 @@
-//! Vehicles of several parts and of other shapes than a rectangle: the sweep against dense sampling, part by part; the
-//! rig; and whole drives of the bundled truck and robot car.
+//! Footprints of several parts and of other shapes than a rectangle: the swept footprint against dense sampling, part by
+//! part; contacts in the simulation; and whole runs of the bundled truck and robot car.
 
 mod common;
 
@@ -34,7 +34,7 @@ fn vehicle(parts: Parts) -> Vehicle {
     }
 }
 
-/// Two long parts side by side with 1 m of room between them, from 0.8 m behind the rear axle to 3.6 m before it.
+/// Two long parts side by side with 1 m between them, from 0.8 m behind the rear axle to 3.6 m in front of it.
 fn prongs() -> Vehicle {
     vehicle(vec![boxed((-0.8, 3.6), (-1.0, -0.5)), boxed((-0.8, 3.6), (0.5, 1.0))])
 }
@@ -91,14 +91,14 @@ fn world(scenario: &Scenario, vehicle: &Vehicle, settings: &CollisionSettings) -
     CollisionWorld::new(scenario, vehicle, settings, 10.0).unwrap()
 }
 
-/// The parts where the vehicle stands.
+/// The parts of the vehicle in world coordinates.
 fn placed(vehicle: &Vehicle, pose: &Pose) -> Parts {
     vehicle.footprint.parts().iter().map(|part| part.iter().map(|p| pose.to_world(*p)).collect()).collect()
 }
 
-/// Signed separation of convex polygons over the directions of their edges: negative when they overlap. Slow and simple.
+/// Signed separation of convex polygons along the normals of their edges: negative if they overlap. Slow and simple.
 fn separation(a: &[Point], b: &[Point]) -> f64 {
-    let one_way = |a: &[Point], b: &[Point]| {
+    let from_edges_of = |a: &[Point], b: &[Point]| {
         (0..a.len())
             .map(|i| {
                 let (from, to) = (a[i], a[(i + 1) % a.len()]);
@@ -107,14 +107,14 @@ fn separation(a: &[Point], b: &[Point]) -> f64 {
             })
             .fold(f64::NEG_INFINITY, f64::max)
     };
-    one_way(a, b).max(one_way(b, a))
+    from_edges_of(a, b).max(from_edges_of(b, a))
 }
 
 /// Depth of a point in a convex polygon, m; negative outside (then only a bound).
 fn depth(polygon: &[Point], p: Point) -> f64 {
     let n = polygon.len();
     let edge = |i: usize| (polygon[i], polygon[(i + 1) % n] - polygon[i]);
-    (0..n).map(edge).map(|(a, along)| cross(along, p - a) / along.norm()).fold(f64::INFINITY, f64::min)
+    (0..n).map(edge).map(|(a, edge)| cross(edge, p - a) / edge.norm()).fold(f64::INFINITY, f64::min)
 }
 
 /// Distance of a point to a convex polygon, 0 inside.
@@ -126,12 +126,12 @@ fn distance(polygon: &[Point], p: Point) -> f64 {
     closed.project(p).offset.abs()
 }
 
-/// Whether any part overlaps any piece by more than `by` metres.
-fn overlaps(vehicle: &Vehicle, pose: &Pose, pieces: &[ConvexPart], by: f64) -> bool {
+/// Whether any part overlaps any piece by more than `depth` metres.
+fn overlaps(vehicle: &Vehicle, pose: &Pose, pieces: &[ConvexPart], depth: f64) -> bool {
     placed(vehicle, pose).iter().any(|part| {
         pieces.iter().any(|piece| match piece {
-            ConvexPart::Polygon(points) => separation(part, points) < -by,
-            ConvexPart::Circle { centre, radius } => distance(part, *centre) < radius - by,
+            ConvexPart::Polygon(points) => separation(part, points) < -depth,
+            ConvexPart::Circle { centre, radius } => distance(part, *centre) < radius - depth,
         })
     })
 }
@@ -144,7 +144,7 @@ fn dense(start: &Pose, spiral: &CubicSpiral, spacing: f64) -> Vec<(f64, Pose)> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// The first static hit comes no later than the first overlap of any part found at 1 cm.
+    /// The first static hit is not behind the first overlap of any part in samples of 1 cm.
     #[test]
     fn static_obstacles_are_never_missed_by_any_part(
         parts in footprints(), spiral in spirals(0.25, 2.0), shape in shapes(),
@@ -167,8 +167,8 @@ proptest! {
         prop_assert_eq!(depth.is_some_and(|d| d > 1e-9), overlaps(&v, &start, &pieces, 1e-9));
     }
 
-    /// Every part, grown by the margins in the vehicle's axes, lies inside its own hull of the cell wherever it is driven in
-    /// the cell: without the bound from curvature and spacing this fails at once.
+    /// Every part, enlarged by the margins in the vehicle's axes, is inside its hull of the cell for every pose in the cell.
+    /// This fails without the bound from curvature and spacing.
     #[test]
     fn every_driven_part_lies_in_its_cell(
         parts in footprints(), spiral in spirals(0.25, 2.0), yaw in -3.0..3.0f64, spacing in 0.1..2.0f64,
@@ -197,7 +197,8 @@ proptest! {
         }
     }
 
-    /// The hulls of the parts are at most 5 cm larger than what the parts cover: nothing bridges the room between them.
+    /// The hulls of the parts are at most 5 cm larger than the area that the parts cover, so they do not fill the space between
+    /// the parts.
     #[test]
     fn parts_are_at_most_five_centimetres_too_large(parts in footprints(), spiral in spirals(0.12, 8.0), yaw in -3.0..3.0f64) {
         let v = vehicle(parts);
@@ -216,7 +217,7 @@ proptest! {
         }
     }
 
-    /// A driven speed profile whose parts overlap a moving obstacle somewhere meets a blocked cell then.
+    /// If a part overlaps a moving obstacle at some time, the cell is blocked then.
     #[test]
     fn moving_obstacles_are_never_missed_by_any_part(
         parts in footprints(), spiral in spirals(0.2, 2.0), shape in shapes(), speed in 0.5..15.0f64,
@@ -243,25 +244,25 @@ proptest! {
         }
     }
 
-    /// Leaving a winding road is never missed, whichever part leaves it.
+    /// No part leaves a winding road without a hit.
     #[test]
     fn the_road_boundary_is_never_missed_by_any_part(
         parts in footprints(), road in spirals(0.06, 2.0), driven in spirals(0.15, 2.0), aside in -1.0..1.0f64, yaw in -0.3..0.3f64,
     ) {
         let v = vehicle(parts);
         let origin = Pose::new(0.0, 0.0, 0.4);
-        let along: Vec<Pose> = dense(&origin.advanced(-6.0), &CubicSpiral { length: 6.0, knots: [0.0; 4] }, 3.0)
+        let centre_line: Vec<Pose> = dense(&origin.advanced(-6.0), &CubicSpiral { length: 6.0, knots: [0.0; 4] }, 3.0)
             .into_iter()
             .chain(dense(&origin, &road, 1.0).into_iter().skip(1))
             .map(|(_, pose)| pose)
             .collect();
-        let bound = |l: f64| Polyline::new(along.iter().map(|p| p.position + p.left() * l)).unwrap();
+        let bound = |l: f64| Polyline::new(centre_line.iter().map(|p| p.position + p.left() * l)).unwrap();
         let world = world(&scenario(vec![lanelet(1, bound(-2.0), bound(2.0))], vec![]), &v, &no_margins());
         let start = Pose { position: origin.position + origin.left() * aside, yaw: origin.yaw + yaw };
         let outline: Vec<Point> = bound(-2.0).points().iter().chain(bound(2.0).points().iter().rev()).copied().collect();
         let leaves = |pose: &Pose| placed(&v, pose).iter().any(|part| part.iter().any(|p| outside(&outline, *p)));
         let truth = dense(&start, &driven, 0.05).into_iter().find(|(_, pose)| leaves(pose));
-        // the surface is grown by some millimetres: what leaves it by less may be found a little later
+        // the road surface is enlarged by some millimetres, so a smaller departure may be detected later
         let clearly = |pose: &Pose| placed(&v, pose).iter().any(|part| part.iter().any(|p| {
             outside(&outline, *p) && Polyline::new(outline.iter().copied()).unwrap().project(*p).offset.abs() > 0.02
         }));
@@ -275,12 +276,12 @@ proptest! {
         prop_assert!(truth.is_some() || certain.is_none());
     }
 
-    /// Mirrored and moved by 1e6 m, the answers are the same.
+    /// The results are invariant to mirroring and to a translation by 1e6 m.
     #[test]
     fn mirrored_and_far_away_the_answers_for_parts_are_the_same(
         parts in footprints(), spiral in spirals(0.15, 2.0), size in (0.2..5.0f64, 0.2..2.5f64), x in 0.0..30.0f64, y in -6.0..6.0f64, turn in -3.0..3.0f64,
     ) {
-        let ask = |flip: f64, shift: Vector| {
+        let results = |flip: f64, shift: Vector| {
             let mirrored = |part: &Vec<Point>| part.iter().map(|p| Point::new(p.x, flip * p.y)).collect();
             let v = vehicle(parts.iter().map(mirrored).collect());
             let put = |pose: Pose| Pose { position: Point::new(pose.position.x, flip * pose.position.y) + shift, yaw: flip * pose.yaw };
@@ -291,8 +292,8 @@ proptest! {
             let sweep = world.sweep(&put(Pose::new(0.0, 0.0, 0.1)), &CubicSpiral { knots: spiral.knots.map(|k| flip * k), ..spiral });
             (world.static_hit(&sweep).map(|h| (h.cell, h.what)), world.clearance(&sweep, 2.0))
         };
-        let plain = ask(1.0, Vector::zeros());
-        for other in [ask(-1.0, Vector::zeros()), ask(1.0, Vector::new(1e6, -3e6)), ask(-1.0, Vector::new(-1e6, 4e6))] {
+        let plain = results(1.0, Vector::zeros());
+        for other in [results(-1.0, Vector::zeros()), results(1.0, Vector::new(1e6, -3e6)), results(-1.0, Vector::new(-1e6, 4e6))] {
             prop_assert_eq!(&plain.0, &other.0);
             prop_assert!((plain.1.obstacle - other.1.obstacle).abs() < 1e-6 && (plain.1.road - other.1.road).abs() < 1e-4);
         }
@@ -317,10 +318,10 @@ fn post(x: f64, y: f64) -> Obstacle {
 }
 
 #[test]
-fn the_room_between_two_parts_is_not_bridged() {
+fn the_space_between_two_parts_is_free() {
     let v = prongs();
     let start = Pose::new(0.0, 0.0, 0.0);
-    // a post 0.2 m wide in 1 m of room: the prongs' margins of 0.2 m leave 0.6 m
+    // a post 0.2 m wide in a gap of 1 m, of which the margins of 0.2 m leave 0.6 m
     for (y, hit) in [(0.0, false), (0.19, false), (0.21, true), (-0.21, true), (0.75, true), (1.31, false)] {
         let world = world(&on_asphalt(vec![post(15.0, y)]), &v, &CollisionSettings::default());
         let found = world.static_hit(&world.sweep(&start, &straight(30.0)));
@@ -330,13 +331,16 @@ fn the_room_between_two_parts_is_not_bridged() {
     let world = world(&on_asphalt(vec![post(15.0, 0.1)]), &v, &CollisionSettings::default());
     let sweep = world.sweep(&start, &straight(30.0));
     assert!((world.clearance(&sweep, 2.0).obstacle - 0.3).abs() < 1e-9);
-    assert!(world.start_overlap(&Pose::new(14.0, 0.0, 0.0), 0.0).is_none(), "it stands astride the post");
-    let aslant = world.start_overlap(&Pose::new(14.0, 0.55, 0.0), 0.0).unwrap();
-    assert!((aslant.depth - 0.05).abs() < 1e-9, "{aslant:?}: the inner side of the right prong is 5 cm over the post");
+    assert!(world.start_overlap(&Pose::new(14.0, 0.0, 0.0), 0.0).is_none(), "the post is between the parts");
+    let beside = world.start_overlap(&Pose::new(14.0, 0.55, 0.0), 0.0).unwrap();
+    assert!(
+        (beside.depth - 0.05).abs() < 1e-9,
+        "{beside:?}: the inner side of the right part overlaps the post by 5 cm"
+    );
 }
 
 #[test]
-fn a_moving_post_between_two_parts_does_not_block_and_one_in_the_way_does() {
+fn a_moving_post_blocks_only_where_a_part_meets_it() {
     for (y, free) in [(0.0, true), (0.75, false)] {
         let states = (0..50).map(|i| TimedPose { time: 0.1 * f64::from(i), pose: Pose::new(15.0, y, 0.0), speed: 0.0 });
         let standing = obstacle(3, Shape::rectangle(0.2, 0.2), Motion::Trajectory(states.collect()));
@@ -347,8 +351,8 @@ fn a_moving_post_between_two_parts_does_not_block_and_one_in_the_way_does() {
 }
 
 #[test]
-fn a_part_on_the_other_side_of_the_kerb_is_off_the_road_though_no_part_meets_it() {
-    // a strip of 0.6 m without road runs along under the middle; with 2 m of it the left prong hangs over its edge
+fn a_part_beside_the_road_is_off_the_road_without_crossing_its_edge() {
+    // first, a gap of 0.6 m in the road is between the parts; then the road ends under or beside the left part
     let drive = |between: &[(f64, f64)]| {
         let world = world(&scenario(roads(between), vec![]), &prongs(), &no_margins());
         (
@@ -356,9 +360,9 @@ fn a_part_on_the_other_side_of_the_kerb_is_off_the_road_though_no_part_meets_it(
             world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0),
         )
     };
-    assert_eq!(drive(&[(-3.0, -0.3), (0.3, 3.0)]), (None, None), "astride a strip that neither prong touches");
+    assert_eq!(drive(&[(-3.0, -0.3), (0.3, 3.0)]), (None, None), "the gap is between the parts");
     let (hit, start) = drive(&[(-3.0, 0.3)]);
-    assert_eq!(hit.map(|h| (h.cell, h.what)), Some((0, Blocker::RoadBoundary)), "the left prong is beside the road");
+    assert_eq!(hit.map(|h| (h.cell, h.what)), Some((0, Blocker::RoadBoundary)), "the left part is beside the road");
     assert!(start.is_some_and(|o| o.what == Blocker::RoadBoundary && (o.depth - 0.7).abs() < 0.01), "{start:?}");
     let (hit, start) = drive(&[(-3.0, 0.8)]);
     assert_eq!(hit.map(|h| h.cell), Some(0));
@@ -366,18 +370,18 @@ fn a_part_on_the_other_side_of_the_kerb_is_off_the_road_though_no_part_meets_it(
 }
 
 #[test]
-fn beside_the_cab_of_the_truck_there_is_room_that_its_box_needs() {
+fn an_obstacle_beside_the_cab_of_the_truck_blocks_its_box() {
     let truck = load("truck").unwrap();
-    // the cab ends 5.17 m before the rear axle; the post's near side is 1.2 m off: between 1.15 and 1.275
+    // the cab starts 5.17 m in front of the rear axle; the near side of the post is at 1.2 m, between 1.15 and 1.275
     let world = world(&on_asphalt(vec![post(12.0, 1.3)]), &truck, &no_margins());
     let start = Pose::new(5.5, 0.0, 0.0);
-    assert!(world.start_overlap(&start, 0.0).is_none(), "it stands beside the cab");
+    assert!(world.start_overlap(&start, 0.0).is_none(), "the post is beside the cab");
     let hit = world.static_hit(&world.sweep(&start, &straight(20.0))).unwrap();
     let truth = 12.0 - 0.1 - 5.17 - 5.5;
     assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?} against {truth}");
 }
 
-/// Drives the vehicle straight along x at 5 m/s in the rig.
+/// Simulates the vehicle on a straight path in x direction at 5 m/s.
 fn driven_straight(v: &Vehicle, obstacles: &[Obstacle], until: f64) -> (Option<Contact>, Log) {
     let knot = |time: f64| knot(time, 5.0 * time, 5.0, 0.0);
     let trajectory = Trajectory {
@@ -394,12 +398,12 @@ fn driven_straight(v: &Vehicle, obstacles: &[Obstacle], until: f64) -> (Option<C
 }
 
 #[test]
-fn the_rig_passes_between_the_parts_and_touches_with_each_of_them() {
+fn the_simulation_detects_contacts_of_each_part_but_not_between_them() {
     let v = prongs();
     assert_eq!(driven_straight(&v, &[post(15.0, 0.0)], 5.0).0, None);
     assert_eq!(driven_straight(&v, &[post(15.0, 0.38)], 5.0).0, None);
     for y in [0.42, 0.75, -0.75] {
-        let contact = driven_straight(&v, &[post(15.0, y)], 5.0).0.expect("no contact with a post in the way");
+        let contact = driven_straight(&v, &[post(15.0, y)], 5.0).0.expect("no contact with the post");
         assert_eq!(contact.with, Touched::Obstacle(3));
         assert!((contact.time - (14.9 - 3.6) / 5.0).abs() < 0.01, "{contact:?}");
         let at = contact.at_rear_axle_frame;
@@ -408,7 +412,7 @@ fn the_rig_passes_between_the_parts_and_touches_with_each_of_them() {
 }
 
 #[test]
-fn the_truck_touches_with_its_box_what_its_cab_has_passed() {
+fn the_box_of_the_truck_touches_a_post_that_its_cab_has_passed() {
     let truck = load("truck").unwrap();
     let contact = driven_straight(&truck, &[post(15.0, 1.3)], 5.0).0.expect("no contact");
     assert!((contact.time - (14.9 - 5.17) / 5.0).abs() < 0.02, "{contact:?}");
@@ -417,14 +421,15 @@ fn the_truck_touches_with_its_box_what_its_cab_has_passed() {
 }
 
 #[test]
-fn colliders_weigh_nothing_so_parts_change_no_motion() {
+fn the_parts_of_the_footprint_do_not_affect_the_motion() {
     let whole = vehicle(vec![boxed((-0.8, 3.6), (-1.0, 1.0))]);
     assert_eq!(driven_straight(&whole, &[], 3.0).1.samples, driven_straight(&prongs(), &[], 3.0).1.samples);
 }
 
-// ---- Whole drives.
+// ---- Whole runs.
 
-/// Drives a bundled map with a bundled vehicle; nothing may be hit, left or unproven, whatever the outcome.
+/// Runs a bundled vehicle on a bundled map: no contact, on the road, a proven stop, whatever the outcome. Returns the names
+/// of the failed checks.
 fn driven(map: &str, vehicle: &str, expected: Outcome) -> Vec<&'static str> {
     let (scenario, vehicle) = (bundled(map), load(vehicle).unwrap());
     let run: Run =
@@ -442,33 +447,33 @@ fn driven(map: &str, vehicle: &str, expected: Outcome) -> Vec<&'static str> {
 }
 
 #[test]
-fn the_truck_ends_the_empty_road_as_told() {
+fn the_truck_reaches_the_goal_of_the_empty_road() {
     assert_eq!(driven("straight_100m", "truck", Outcome::GoalReached), [""; 0]);
 }
 
 #[test]
-fn the_truck_goes_round_the_parked_car() {
+fn the_truck_passes_the_parked_car() {
     driven("parked_car", "truck", Outcome::GoalReached);
 }
 
-/// The corner has a radius of 8 m; at full lock the truck's rear axle goes round 9.9 m.
+/// The corner has a radius of 8 m; at full steering, the path of the truck's rear axle has a radius of 9.9 m.
 #[test]
-fn the_truck_stops_before_a_corner_too_tight_for_it() {
+fn the_truck_stops_before_a_corner_that_is_too_tight() {
     driven("turn_90", "truck", Outcome::StoppedSafely);
 }
 
 #[test]
-fn the_robot_car_ends_the_empty_road_as_told() {
+fn the_robot_car_reaches_the_goal_of_the_empty_road() {
     assert_eq!(driven("straight_100m", "f1tenth", Outcome::GoalReached), [""; 0]);
 }
 
 #[test]
-fn the_robot_car_goes_round_the_parked_car() {
+fn the_robot_car_passes_the_parked_car() {
     assert_eq!(driven("parked_car", "f1tenth", Outcome::GoalReached), [""; 0]);
 }
 
 #[test]
-fn a_wall_stops_the_robot_car() {
+fn the_robot_car_stops_before_a_wall() {
     let mut scenario = bundled("straight_100m");
     scenario.obstacles.push(standing(Pose::new(80.0, 0.0, 0.0), 1.0, 16.0));
     let robot = load("f1tenth").unwrap();

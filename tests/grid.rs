@@ -1,4 +1,4 @@
-//! Occupied cells in the way of a drive: walls are stopped at, gaps are driven through, contacts are seen.
+//! Runs with an occupancy grid: the vehicle stops before walls, passes through gaps, and contacts are detected.
 
 mod common;
 
@@ -9,54 +9,55 @@ use stopline::map::{Cell, OccupancyGrid, Scenario};
 use stopline::simulation::Touched;
 use stopline::verdict;
 
-/// Side of a cell, m, and rows of a wall: 20 m to each side of the lane's middle.
+/// Side of a cell, m.
 const SIDE: f64 = 0.5;
+/// Rows of a wall: 20 m to each side of the lane's centre line.
 const ROWS: usize = 80;
-/// Where the wall stands, m ahead of the start.
+/// Distance from the start to the wall, m.
 const AHEAD: f64 = 45.0;
 
-/// The straight road with a wall of cells across it, open within `gap` of the vehicle's way, m.
+/// The straight road with a wall of cells across it, with a gap of `gap` metres to each side of the lane's centre line.
 fn walled(gap: f64) -> (Scenario, Pose) {
     let mut scenario = bundled("straight_100m");
     let foot = scenario.problems[0].initial.centre.advanced(AHEAD);
-    let across = ROWS as f64 * SIDE;
-    let origin = Pose { position: foot.position - foot.left() * (0.5 * across), yaw: foot.yaw };
-    let middle = |row: usize| (row as f64 + 0.5) * SIDE - 0.5 * across;
+    let length = ROWS as f64 * SIDE;
+    let origin = Pose { position: foot.position - foot.left() * (0.5 * length), yaw: foot.yaw };
+    let middle = |row: usize| (row as f64 + 0.5) * SIDE - 0.5 * length;
     let cell = |row: usize| if middle(row).abs() < gap { Cell::Free } else { Cell::Occupied };
     let cells = (0..ROWS).map(cell).collect();
     scenario.occupancy = Some(OccupancyGrid::new(origin, SIDE, 1, ROWS, cells).unwrap());
     (scenario, foot)
 }
 
-/// How far the front stays before the wall, m.
-fn room(run: &stopline::drive::Run, foot: &Pose) -> f64 {
+/// Smallest distance of the front from the wall, m.
+fn distance_to_wall(run: &stopline::drive::Run, foot: &Pose) -> f64 {
     let front = Point::new(VEHICLE.front_overhang_from_rear_axle(), 0.0);
     let ahead = |pose: &Pose| -foot.to_local(pose.to_world(front)).x;
     run.log.samples.iter().map(|s| ahead(&s.pose)).fold(f64::INFINITY, f64::min)
 }
 
 #[test]
-fn a_wall_of_cells_across_the_road_is_stopped_at() {
+fn stops_before_a_wall_of_cells() {
     let (scenario, foot) = walled(0.0);
     let run = driven(&scenario);
     assert_eq!(run.outcome, Outcome::StoppedSafely, "{:?}", failures(&run));
-    let room = room(&run, &foot);
-    assert!((0.2..8.0).contains(&room), "stops {room} m before it");
+    let distance = distance_to_wall(&run, &foot);
+    assert!((0.2..8.0).contains(&distance), "stops {distance} m before it");
     let last = run.log.samples.last().unwrap();
     assert!(last.speed.abs() < 0.01);
     assert!(run.verdict.checks.iter().any(|c| c.name == "no_contact" && c.passed()));
 }
 
 #[test]
-fn a_gap_in_the_wall_is_driven_through() {
+fn drives_through_a_gap_in_the_wall() {
     let (scenario, foot) = walled(1.5);
     let run = driven(&scenario);
     assert_eq!(run.outcome, Outcome::GoalReached, "{:?}", failures(&run));
     assert!(run.verdict.pass(), "{:?}", failures(&run));
-    assert!(room(&run, &foot) < 0.0, "it is behind the wall");
+    assert!(distance_to_wall(&run, &foot) < 0.0, "it has passed the wall");
 }
 
-/// A wall too near to stop before ends the run where it is touched, as any other obstacle does.
+/// A contact with a wall that is too near to stop ends the run, like a contact with any obstacle.
 #[test]
 fn touching_occupied_cells_is_a_collision() {
     let mut scenario = bundled("straight_100m");
@@ -70,16 +71,16 @@ fn touching_occupied_cells_is_a_collision() {
     let contact = run.log.contact.unwrap();
     assert_eq!(contact.with, Touched::OccupiedCell);
     assert!(contact.time < 1.1 * 0.5 / speed + 0.1 && contact.time > 0.4 / speed, "{contact:?}");
-    assert!(room(&run, &foot).abs() < 0.03, "{} m", room(&run, &foot));
-    let no_contact = run.verdict.failures().find(|c| c.name == "no_contact").expect("the verdict does not see it");
+    assert!(distance_to_wall(&run, &foot).abs() < 0.03, "{} m", distance_to_wall(&run, &foot));
+    let no_contact = run.verdict.failures().find(|c| c.name == "no_contact").expect("the verdict has no contact");
     assert!(no_contact.note.contains("an occupied cell"), "{}", no_contact.note);
     let metrics = verdict::metrics(&scenario, &VEHICLE, &run.cycles, &run.log, &verdict::Settings::default());
     assert!(metrics.min_clearance_m.unwrap() < 0.01, "{metrics:?}");
 }
 
-/// The start on occupied cells, or beside them.
+/// A start on occupied cells is a collision; one beside them is not.
 #[test]
-fn a_start_on_occupied_cells_is_told_as_one() {
+fn a_start_on_occupied_cells_is_a_collision() {
     let mut scenario = bundled("straight_100m");
     let centre = scenario.problems[0].initial.centre;
     let beside = |offset: f64| {
@@ -96,7 +97,7 @@ fn a_start_on_occupied_cells_is_told_as_one() {
     assert!(metrics.min_clearance_m.is_some_and(|c| c > 0.1 && c < 0.31), "{metrics:?}");
 }
 
-/// The run of the empty road, judged with the wall in it: the rig saw nothing, the verdict does.
+/// The verdict about a run on the empty road fails if the scenario has a wall that the simulation did not have.
 #[test]
 fn driving_through_occupied_cells_fails_the_verdict() {
     let empty = bundled("straight_100m");
@@ -110,18 +111,18 @@ fn driving_through_occupied_cells_fails_the_verdict() {
     assert!(verdict(&empty).passed());
     let check = verdict(&scenario);
     assert!(check.failed() && check.note.contains("occupied cells"), "{check:?}");
-    // deeper than the car is long, it is across the wall: the least move out is forwards or back
+    // the car is across the wall, so the penetration depth is in its longitudinal direction
     assert!(check.value > 0.5, "{check:?}");
     assert!(verdict(&walled(1.5).0).passed(), "the gap is wide enough");
 }
 
-/// The command line reads a grid of ROS beside the scenario.
+/// The command line reads a ROS grid in addition to the scenario.
 #[test]
-fn a_grid_is_given_on_the_command_line() {
+fn the_command_line_reads_a_grid() {
     let folder = tempfile::tempdir().unwrap();
     let (_, foot) = walled(0.0);
-    let across = ROWS as f64 * SIDE;
-    let origin = foot.position - foot.left() * (0.5 * across);
+    let length = ROWS as f64 * SIDE;
+    let origin = foot.position - foot.left() * (0.5 * length);
     let yaml = format!(
         "image: wall.pgm\nresolution: {SIDE}\norigin: [{}, {}, {}]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
         origin.x, origin.y, foot.yaw
@@ -143,8 +144,8 @@ fn a_grid_is_given_on_the_command_line() {
     };
     let missing = run();
     assert_eq!(missing.status.code(), Some(3));
-    let told = String::from_utf8_lossy(&missing.stderr).into_owned();
-    assert!(told.contains("wall.yaml:1: image \"wall.pgm\""), "{told}");
+    let stderr = String::from_utf8_lossy(&missing.stderr).into_owned();
+    assert!(stderr.contains("wall.yaml:1: image \"wall.pgm\""), "{stderr}");
     std::fs::write(folder.path().join("wall.pgm"), format!("P2 1 {ROWS} 255\n{}", "0 ".repeat(ROWS))).unwrap();
     let drive = run();
     let json: serde_json::Value = serde_json::from_slice(&drive.stdout).unwrap();

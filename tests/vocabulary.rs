@@ -57,9 +57,26 @@ const PROSE: &[(&str, &str)] = &[
 
 /// Established terms that contain a word of the list.
 const ALLOWED: &[&str] = &[
-    "in its way", "in the way", "on the way", "the other way", "right of way", "right-of-way", "give way", "gives way", "giving way", "one-way", "by the way", "half way", "halfway",
-    "three figures", "paper's figures", "figures of the safetlp paper", "figures of the paper",
-    "either way", "other way round", "way round",
+    "in its way",
+    "in the way",
+    "on the way",
+    "the other way",
+    "right of way",
+    "right-of-way",
+    "give way",
+    "gives way",
+    "giving way",
+    "one-way",
+    "by the way",
+    "half way",
+    "halfway",
+    "three figures",
+    "paper's figures",
+    "figures of the safetlp paper",
+    "figures of the paper",
+    "either way",
+    "other way round",
+    "way round",
 ];
 
 fn root() -> &'static Path {
@@ -147,7 +164,9 @@ fn the_code_uses_the_standard_terms() {
 
 #[test]
 fn the_help_uses_the_standard_terms() {
-    for command in [&[][..], &["plan"], &["drive"], &["check"], &["bench"], &["bench", "safetlp"], &["bench", "spirals"]] {
+    for command in
+        [&[][..], &["plan"], &["drive"], &["check"], &["bench"], &["bench", "safetlp"], &["bench", "spirals"]]
+    {
         let help = stopline(&[command, &["--help"]].concat());
         assert!(help.contains("Exit codes"), "{command:?}: {help}");
         let name = format!("stopline {} --help", command.join(" "));
@@ -171,7 +190,9 @@ fn words(value: &Value, found: &mut String) {
 #[test]
 fn the_outputs_use_the_standard_terms() {
     for map in ["maps/lane_blocked.xml", "maps/slow_lead.xml"] {
-        for command in [&["drive", map, "--json", "-", "--json-cycles"][..], &["plan", map, "--json", "-"], &["drive", map]] {
+        for command in
+            [&["drive", map, "--json", "-", "--json-cycles"][..], &["plan", map, "--json", "-"], &["drive", map]]
+        {
             let text = stopline(command);
             let mut said = String::new();
             match serde_json::from_str(&text) {

@@ -1,11 +1,13 @@
-//! The driven log as a table: one row for each sample, one column for each quantity, units in the header.
+//! Writes the log of a run as CSV: one row for each sample, one column for each quantity, with units in the header.
+//!
+//! The cells are numbers, so no cell needs quotes.
 
 use crate::simulation::{Log, Sample};
 
-/// A column: its name with the unit, and its value in a sample.
+/// A column: its name with the unit, and its value for a sample.
 type Column = (&'static str, fn(&Sample) -> f64);
 
-/// The columns, in order. Poses are those of the rear axle's centre.
+/// The columns in order. Poses are those of the rear axle's centre.
 const COLUMNS: [Column; 19] = [
     ("time_s", |s| s.time),
     ("x_m", |s| s.pose.position.x),
@@ -28,7 +30,7 @@ const COLUMNS: [Column; 19] = [
     ("speed_error_mps", |s| s.speed - s.reference_speed),
 ];
 
-/// The log as CSV text. Numbers are written so that reading them gives the same `f64`; what is not finite is left empty.
+/// The log as CSV. Each number has the digits that identify its `f64`; the cell of a number that is not finite is empty.
 #[must_use]
 pub fn log_to_csv(log: &Log) -> String {
     let mut text = COLUMNS.map(|(name, _)| name).join(",");
@@ -49,7 +51,7 @@ mod tests {
     use crate::geometry::Pose;
 
     #[test]
-    fn every_number_comes_back_and_broken_ones_are_empty() {
+    fn numbers_round_trip_and_non_finite_ones_are_empty() {
         let pose = Pose::new(1.0e6 / 3.0, -2.5, 0.1);
         let sample = Sample {
             time: 0.1 + 0.2,

@@ -1,20 +1,22 @@
-//! Reader of occupancy grids as ROS keeps them: a YAML file that names an image (`map_server`, `nav2_map_server`).
+//! Reader of the occupancy grids of ROS: a YAML file that names an image (`map_server`, `nav2_map_server`).
 //!
-//! Format: <https://wiki.ros.org/map_server#Map_format>. `image` (beside the YAML file unless absolute), `resolution`
-//! (m), `origin` [x, y, yaw] of the image's lower left corner, `negate`, `occupied_thresh`, `free_thresh` and `mode`:
+//! Format: <https://wiki.ros.org/map_server#Map_format>. `image` (a path relative to the YAML file, or absolute),
+//! `resolution` (m), `origin` [x, y, yaw] of the lower left corner of the image, `negate`, `occupied_thresh`,
+//! `free_thresh` and `mode`:
 //!
-//! - `trinary` (the default): p = (255 − grey)/255, or grey/255 where `negate` is set. Occupied above `occupied_thresh`,
-//!   free below `free_thresh`, unknown between.
-//! - `scale`: the same; what is not opaque is unknown. The values between the thresholds are shades of doubt to ROS and
-//!   unknown here.
+//! - `trinary` (the default): p = (255 − grey)/255, or grey/255 if `negate` is set. A cell is occupied above
+//!   `occupied_thresh`, free below `free_thresh`, and unknown between.
+//! - `scale`: the same, but a pixel that is not opaque is unknown. In ROS, values between the thresholds are
+//!   probabilities; here they are unknown.
 //! - `raw`: the grey value is the occupancy in percent; above 100 unknown.
 //!
-//! Grey is the mean of red, green and blue. The image's first row is the highest in y, the grid's the lowest.
+//! Grey is the mean of red, green and blue. The first row of the image has the largest y, that of the grid the smallest.
 //!
-//! Everything in the YAML file that is wrong is an error, with its line: a map that is shifted or inverted is worse than
-//! none. Images may be PNG, PGM, PPM or PBM, as text or binary. A header cannot claim more than [`MAX_CELLS`] cells.
+//! Every invalid value in the YAML file is an error, with its line: a shifted or inverted map would be dangerous. The
+//! image is a PNG, PGM, PPM or PBM file, text or binary. Its header is checked against [`MAX_CELLS`] before its pixels are
+//! allocated.
 //!
-//! Weak where 16-bit images are used: they are read as 8 bits, which is what the format's thresholds are for.
+//! Limits: 16-bit images are reduced to 8 bits, for which the thresholds of the format are meant.
 
 use std::path::{Path, PathBuf};
 
@@ -37,20 +39,20 @@ const MAX_IMAGE: u64 = 256 << 20;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The file cannot be read, whatever is in it.
+    /// The YAML file cannot be read, or is not text.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Not text, not YAML, or without a key that is needed.
+    /// Not YAML, or a required key is missing.
     #[error("{file}:{line}: not a map of ROS: {message}")]
     NotAMap {
         /// The file.
         file: String,
-        /// Line, 1-based; 0 if it is about the file as a whole.
+        /// Line, 1-based; 0 if the error concerns the file as a whole.
         line: u64,
-        /// What the parser met.
+        /// The parser's reason.
         message: String,
     },
-    /// A value is not what it has to be.
+    /// A value of the wrong type or out of its range.
     #[error("{file}:{line}: {element} is {found}, expected {expected}")]
     BadValue {
         /// The YAML file.
@@ -59,26 +61,26 @@ pub enum ReadError {
         line: u64,
         /// The key.
         element: &'static str,
-        /// What is there.
+        /// The value.
         found: String,
-        /// What should be there.
+        /// The values that are valid.
         expected: &'static str,
     },
-    /// The image that the file names is missing or none.
+    /// The image is missing, or not a valid image.
     #[error("{file}:{line}: image \"{image}\": {message}")]
     Image {
         /// The YAML file.
         file: String,
         /// Line of the key `image`.
         line: u64,
-        /// The image as it is named.
+        /// Path of the image in the YAML file.
         image: String,
-        /// What is wrong with it.
+        /// The reason.
         message: String,
     },
 }
 
-/// The YAML file. Other keys are of no interest.
+/// Content of the YAML file. Other keys are ignored.
 #[derive(Debug, serde::Deserialize)]
 struct Header {
     image: Spanned<String>,
@@ -90,7 +92,7 @@ struct Header {
     mode: Option<Spanned<String>>,
 }
 
-/// ROS writes 0 and 1, people write true and false.
+/// ROS writes 0 and 1; true and false are accepted, too.
 #[derive(Debug, serde::Deserialize)]
 #[serde(untagged)]
 enum Flag {
@@ -105,15 +107,15 @@ enum Mode {
     Raw,
 }
 
-/// How grey becomes a cell.
-struct Meaning {
+/// The rule that maps a grey value to a cell.
+struct Classifier {
     mode: Mode,
     negate: bool,
     occupied_above: f64,
     free_below: f64,
 }
 
-impl Meaning {
+impl Classifier {
     fn cell(&self, [r, g, b, alpha]: [u8; 4]) -> Cell {
         let grey = (f64::from(r) + f64::from(g) + f64::from(b)) / (3.0 * 255.0);
         let occupancy = match self.mode {
@@ -143,29 +145,29 @@ impl Meaning {
     }
 }
 
-/// Reads a grid from its YAML file and the image that it names.
+/// Reads a grid from a YAML file and its image.
 ///
 /// # Errors
-/// [`ReadError`]: a file cannot be read, or something in it is not what it has to be.
+/// A file cannot be read, or has a missing or invalid value.
 pub fn read_file(path: &Path) -> Result<OccupancyGrid, ReadError> {
     let yaml = text::read(path, MAX_YAML)?;
     read(&path.display().to_string(), &yaml, |image| files::read(&beside(path, image), MAX_IMAGE))
 }
 
-/// The image that a grid's YAML file names, if it can be read that far: it is an input like the file itself.
+/// Path of the image of a YAML file; `None` if the file is invalid.
 #[must_use]
 pub fn image_of(path: &Path) -> Option<PathBuf> {
     let header: Header = serde_saphyr::from_str(&text::read(path, MAX_YAML).ok()?).ok()?;
     Some(beside(path, &header.image.value))
 }
 
-/// A file by its name in the YAML file: beside that one, unless absolute.
+/// Path of a file that the YAML file names: relative to its folder, or absolute.
 fn beside(yaml: &Path, image: &str) -> PathBuf {
     yaml.parent().unwrap_or(Path::new("")).join(image)
 }
 
-/// Reads a grid from the text of a YAML file; `name` stands for the file in messages, `open` gives the bytes of the image
-/// that it names.
+/// Reads a grid from the text of a YAML file. `name` stands for the file in messages; `open` returns the bytes of the
+/// image.
 ///
 /// # Errors
 /// As [`read_file`].
@@ -182,28 +184,28 @@ pub fn read<E: std::fmt::Display>(
         line: e.location().map_or(0, |l| l.line()),
         message: e.to_string(),
     })?;
-    let (pose, resolution, meaning) = (header.origin(name)?, header.resolution(name)?, header.meaning(name)?);
-    let trouble = |message: String| ReadError::Image {
+    let (pose, resolution, classifier) = (header.origin(name)?, header.resolution(name)?, header.classifier(name)?);
+    let image_error = |message: String| ReadError::Image {
         file: file.clone(),
         line: header.image.defined.line(),
         image: header.image.value.clone(),
         message,
     };
-    let bytes = open(&header.image.value).map_err(|e| trouble(e.to_string()))?;
-    let (width, height, cells) = cells(&bytes, &meaning).map_err(trouble)?;
-    OccupancyGrid::new(pose, resolution, width, height, cells).map_err(|e| trouble(e.to_string()))
+    let bytes = open(&header.image.value).map_err(|e| image_error(e.to_string()))?;
+    let (width, height, cells) = cells(&bytes, &classifier).map_err(image_error)?;
+    OccupancyGrid::new(pose, resolution, width, height, cells).map_err(|e| image_error(e.to_string()))
 }
 
-/// Largest side of a cell, m: nobody maps in kilometres.
+/// Largest side of a cell, m.
 const LARGEST_CELL: f64 = 1e3;
-/// Coordinates beyond this lose centimetres, m; the scenario reader's limit, too.
+/// Largest coordinate, m, as in the scenario reader.
 const LARGEST_COORDINATE: f64 = 1e9;
 
 impl Header {
     fn origin(&self, file: &str) -> Result<Pose, ReadError> {
-        let sane = |v: &f64| v.abs() <= LARGEST_COORDINATE;
+        let is_valid = |v: &f64| v.abs() <= LARGEST_COORDINATE;
         match self.origin.value[..] {
-            [x, y, yaw] if self.origin.value.iter().all(sane) => Ok(Pose::new(x, y, yaw)),
+            [x, y, yaw] if self.origin.value.iter().all(is_valid) => Ok(Pose::new(x, y, yaw)),
             _ => {
                 Err(bad(file, &self.origin, "origin", format!("{:?}", self.origin.value), "[x, y, yaw], at most 1e9 m"))
             }
@@ -212,13 +214,13 @@ impl Header {
 
     fn resolution(&self, file: &str) -> Result<f64, ReadError> {
         let value = self.resolution.value;
-        let good = value > 0.0 && value <= LARGEST_CELL;
+        let is_valid = value > 0.0 && value <= LARGEST_CELL;
         let expected = "a positive number of metres, at most 1000";
         let wrong = || bad(file, &self.resolution, "resolution", format!("{value:?}"), expected);
-        good.then_some(value).ok_or_else(wrong)
+        is_valid.then_some(value).ok_or_else(wrong)
     }
 
-    fn meaning(&self, file: &str) -> Result<Meaning, ReadError> {
+    fn classifier(&self, file: &str) -> Result<Classifier, ReadError> {
         for (key, threshold) in [("occupied_thresh", &self.occupied_thresh), ("free_thresh", &self.free_thresh)] {
             if !(0.0..=1.0).contains(&threshold.value) {
                 return Err(bad(file, threshold, key, threshold.value.to_string(), "a number from 0 to 1"));
@@ -226,7 +228,7 @@ impl Header {
         }
         if self.free_thresh.value > self.occupied_thresh.value {
             let found = self.free_thresh.value.to_string();
-            return Err(bad(file, &self.free_thresh, "free_thresh", found, "no more than occupied_thresh"));
+            return Err(bad(file, &self.free_thresh, "free_thresh", found, "at most occupied_thresh"));
         }
         let mode = match self.mode.as_ref().map(|m| (m, m.value.as_str())) {
             None | Some((_, "trinary")) => Mode::Trinary,
@@ -240,7 +242,7 @@ impl Header {
             Flag::Number(1.0) => true,
             Flag::Number(found) => return Err(bad(file, &self.negate, "negate", found.to_string(), "0 or 1")),
         };
-        Ok(Meaning { mode, negate, occupied_above: self.occupied_thresh.value, free_below: self.free_thresh.value })
+        Ok(Classifier { mode, negate, occupied_above: self.occupied_thresh.value, free_below: self.free_thresh.value })
     }
 }
 
@@ -248,27 +250,28 @@ fn bad<T>(file: &str, at: &Spanned<T>, element: &'static str, found: String, exp
     ReadError::BadValue { file: file.to_owned(), line: at.defined.line(), element, found, expected }
 }
 
-/// Width, height and cells of an image, the lowest row first.
-fn cells(bytes: &[u8], meaning: &Meaning) -> Result<(usize, usize, Vec<Cell>), String> {
-    let broken = |e: &dyn std::fmt::Display| {
-        format!("{} bytes that are no whole image: {e}; expected a PNG, PGM, PPM or PBM file", bytes.len())
+/// Width, height and cells of an image, from the lowest row.
+fn cells(bytes: &[u8], classifier: &Classifier) -> Result<(usize, usize, Vec<Cell>), String> {
+    let invalid = |e: &dyn std::fmt::Display| {
+        format!("not a complete image ({} bytes): {e}; expected a PNG, PGM, PPM or PBM file", bytes.len())
     };
     let reader = || {
-        let mut reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| broken(&e))?;
+        let mut reader =
+            ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| invalid(&e))?;
         let mut limits = Limits::default();
         limits.max_alloc = Some(MAX_IMAGE);
         reader.limits(limits);
         Ok::<_, String>(reader)
     };
-    // before anything is allocated
-    let (width, height) = reader()?.into_dimensions().map_err(|e| broken(&e))?;
+    // before the pixels are allocated
+    let (width, height) = reader()?.into_dimensions().map_err(|e| invalid(&e))?;
     if u64::from(width) * u64::from(height) > MAX_CELLS {
-        return Err(format!("{width} × {height} pixels, expected at most {MAX_CELLS} in all"));
+        return Err(format!("{width} × {height} pixels, expected at most {MAX_CELLS} in total"));
     }
-    let image = reader()?.decode().map_err(|e| broken(&e))?;
+    let image = reader()?.decode().map_err(|e| invalid(&e))?;
     let mut cells = Vec::with_capacity(width as usize * height as usize);
     for row in (0..image.height()).rev() {
-        cells.extend((0..image.width()).map(|column| meaning.cell(image.get_pixel(column, row).0)));
+        cells.extend((0..image.width()).map(|column| classifier.cell(image.get_pixel(column, row).0)));
     }
     Ok((image.width() as usize, image.height() as usize, cells))
 }
@@ -280,7 +283,7 @@ mod tests {
     use proptest::prelude::*;
 
     const YAML: &str = "image: map.pgm\nresolution: 0.5\norigin: [1.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
-    /// Two rows of three: black, grey, white above white, white, black.
+    /// Two rows of three pixels: black, grey, white; below, white, white, black.
     const PGM: &[u8] = b"P5\n# CREATOR: a test\n3 2\n255\n\x00\x80\xff\xff\xff\x00";
 
     fn read_with(yaml: &str, image: &[u8]) -> Result<OccupancyGrid, ReadError> {
@@ -298,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_row_of_the_image_is_the_highest_in_y() {
+    fn the_first_row_of_the_image_has_the_largest_y() {
         let grid = read_with(YAML, PGM).unwrap();
         assert_eq!(rows(&grid), ["..#", "#?."]);
         assert_eq!(grid.cell_at(Point::new(2.4, -1.9)), Some(Cell::Occupied));
@@ -306,20 +309,20 @@ mod tests {
     }
 
     #[test]
-    fn text_images_and_turned_origins_are_read() {
+    fn reads_text_images_and_rotated_origins() {
         let text = b"P2\n3 2\n255\n0 128 255\n255 255 0\n";
         let yaml = YAML.replace("0.0]", "1.5707963267948966]");
         let grid = read_with(&yaml, text).unwrap();
         assert_eq!(rows(&grid), ["..#", "#?."]);
-        // the third column of the lowest row lies above the origin now
+        // the third column of the lowest row is above the origin
         assert_eq!(grid.cell_at(Point::new(0.9, -0.9)), Some(Cell::Occupied));
     }
 
     #[test]
-    fn modes_and_negation_mean_what_they_mean_in_ros() {
+    fn modes_and_negation_are_those_of_ros() {
         let negated = read_with(&YAML.replace("negate: 0", "negate: true"), PGM).unwrap();
         assert_eq!(rows(&negated), ["##.", ".?#"]);
-        // raw: 0, 128 (no percentage), 255 (none); with 70 occupied
+        // raw: 128 and 255 are above 100 %, so unknown; 70 % is occupied
         let raw = YAML.to_owned() + "mode: raw\n";
         let image = b"P5\n3 2\n255\n\x00\x80\xff\x46\x28\x05";
         assert_eq!(rows(&read_with(&raw, image).unwrap()), ["#?.", ".??"]);
@@ -333,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn each_wrong_value_is_named_with_its_line() {
+    fn names_the_line_of_an_invalid_value() {
         let cases = [
             ("0.5", "0", "map.yaml:2: resolution is 0.0, expected a positive number of metres, at most 1000"),
             ("0.5", ".nan", "map.yaml:2: resolution is NaN, expected a positive number of metres, at most 1000"),
@@ -341,13 +344,13 @@ mod tests {
             ("-2.0", ".inf", "map.yaml:3: origin is [1.0, inf, 0.0], expected [x, y, yaw], at most 1e9 m"),
             ("negate: 0", "negate: 2", "map.yaml:4: negate is 2, expected 0 or 1"),
             ("0.65", "1.5", "map.yaml:5: occupied_thresh is 1.5, expected a number from 0 to 1"),
-            ("0.196", "0.9", "map.yaml:6: free_thresh is 0.9, expected no more than occupied_thresh"),
+            ("0.196", "0.9", "map.yaml:6: free_thresh is 0.9, expected at most occupied_thresh"),
         ];
         for (from, to, message) in cases {
             assert_eq!(read_with(&YAML.replace(from, to), PGM).unwrap_err().to_string(), message);
         }
-        for (good, absurd, element) in [("0.5", "1e50", "resolution"), ("-2.0", "1e50", "origin")] {
-            let error = read_with(&YAML.replacen(good, absurd, 1), PGM).unwrap_err().to_string();
+        for (valid, invalid, element) in [("0.5", "1e50", "resolution"), ("-2.0", "1e50", "origin")] {
+            let error = read_with(&YAML.replacen(valid, invalid, 1), PGM).unwrap_err().to_string();
             assert!(error.contains(element) && error.contains("at most"), "{error}");
         }
         let error = read_with(&(YAML.to_owned() + "mode: quaternary\n"), PGM).unwrap_err();
@@ -361,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_image_is_named_with_its_line() {
+    fn names_the_line_of_a_missing_image() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map.yaml");
         std::fs::write(&path, YAML).unwrap();
@@ -375,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_header_cannot_ask_for_gigabytes() {
+    fn refuses_an_image_header_of_gigabytes() {
         for header in [
             "P5 65000 65000 255\n",
             "P5 4294967295 4294967295 255\n",
@@ -385,15 +388,15 @@ mod tests {
             let error = read_with(YAML, header.as_bytes()).unwrap_err();
             assert!(matches!(error, ReadError::Image { line: 1, .. }), "{header}: {error}");
         }
-        for none in [&b""[..], b"P5", b"GIF89a", b"P5 0 0 255\n"] {
-            let error = read_with(YAML, none).unwrap_err().to_string();
+        for invalid in [&b""[..], b"P5", b"GIF89a", b"P5 0 0 255\n"] {
+            let error = read_with(YAML, invalid).unwrap_err().to_string();
             let named = error.starts_with("map.yaml:1: image \"map.pgm\": ") && error.contains("expected ");
-            assert!(named, "{none:?}: {error}");
+            assert!(named, "{invalid:?}: {error}");
         }
     }
 
     proptest! {
-        /// Whatever the bytes are, there is a grid or an error.
+        /// Random changes give a grid or an error.
         #[test]
         fn mutated_files_never_panic(
             at in prop::collection::vec((0..200usize, any::<u8>()), 1..6), cut in 0..200usize, in_image in any::<bool>(), text in any::<bool>(),

@@ -1,9 +1,9 @@
-//! CommonRoad solutions: the driven run as a trajectory of the kinematic single-track model (KS).
+//! Writer of CommonRoad solutions: the run as a trajectory of the kinematic single-track model (KS).
 //!
-//! A solution is checked by re-simulation: each state must follow from the one before by the model under one constant
-//! steering rate and acceleration inside the vehicle's limits, to within 2 cm. A car on tyres slips, so its states are
-//! not quite those of the model. [`fit`] therefore looks for the inputs under which the model, starting exactly at the
-//! planning problem's initial state, stays as close as it can to what was driven, and says how far away it came at worst.
+//! The checker of solutions simulates them again: each state must follow from the previous one by the model, under one
+//! constant steering rate and acceleration inside the vehicle's limits, to within 2 cm. The simulated vehicle has tyre slip,
+//! so its states differ from those of the model. [`fit`] finds inputs under which the model starts exactly at the initial
+//! state of the planning problem and stays close to the log; it returns the largest deviation.
 //!
 //! **Problem.** State z = (x, y, δ, v, ψ) of the rear axle (Althoff, Würsching, *CommonRoad: Vehicle Models*, 2020,
 //! section 4: ẋ = v cos ψ, ẏ = v sin ψ, δ̇ = u₁, v̇ = u₂, ψ̇ = v tan δ / wheelbase), inputs u constant over each time step.
@@ -11,15 +11,15 @@
 //! > minimise Σₖ |c(zₖ) − rₖ|²/σₚ² + (ψₖ − ψʳₖ)²/σ_ψ² + (vₖ − vʳₖ)²/σᵥ² + u₁²/σ₁² + u₂²/σ₂²
 //! > subject to zₖ₊₁ = f(zₖ, uₖ), |δ|, |δ̇|, u₂ and the friction circle inside the vehicle's limits, v ≥ 0,
 //!
-//! where c is the vehicle's centre and r, ψʳ, vʳ what was driven.
+//! where c is the vehicle's centre, and r, ψʳ, vʳ are the centre, heading and speed of the log (the reference).
 //!
-//! **Technique.** Iterated linear-quadratic regulation (Li, Todorov, ICINCO 2004) with limited inputs (Tassa, Mansard,
-//! Todorov, ICRA 2014): a Riccati recursion backwards over the linearised model, in which an input at its limit has no
-//! feedback, a roll-out of the true model forwards with the inputs clamped to their limits, a line search on
-//! the true cost. Every roll-out is feasible by construction, so the result is, wherever the iteration ends.
+//! **Technique.** Iterative linear-quadratic regulator (Li, Todorov, ICINCO 2004) with input limits (Tassa, Mansard,
+//! Todorov, ICRA 2014). Each iteration runs a Riccati recursion backwards over the linearised model, where an input at its
+//! limit has no feedback, then a roll-out of the nonlinear model with the inputs clamped to their limits, with a line search
+//! on the cost. Every roll-out is feasible, so the result is feasible at any number of iterations.
 //!
-//! **Weak**: forward motion only; where the drive's limits bind for long, clamping makes it slower than optimal; the
-//! log's gaps are interpolated.
+//! **Limits.** Forward motion only. Where the limits of the drive are active for long, clamping makes the result slower than
+//! optimal. Gaps in the log are interpolated.
 
 mod model;
 
@@ -37,9 +37,9 @@ use model::{Model, PSI, V};
 /// A run as states of the kinematic single-track model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KinematicFit {
-    /// One state for each time step of the file, from the problem's initial one.
+    /// One state for each time step of the file, from the initial time step of the problem.
     pub states: Vec<KinematicState>,
-    /// Largest distance between the centres of model and driven vehicle at a time step, m.
+    /// Largest distance between the centres of the model and of the simulated vehicle at a time step, m.
     pub max_deviation_m: f64,
 }
 
@@ -56,15 +56,15 @@ pub struct KinematicState {
     pub steering: f64,
 }
 
-/// Deviations that cost as much as each other: these decide what the fit gives up for what.
+/// Deviations of equal cost, which weight the terms of the objective.
 mod sigma {
     /// Of the centre, m.
     pub(super) const POSITION: f64 = 0.01;
-    /// Of the heading, rad: slip angles are of this size.
+    /// Of the heading, rad: the order of slip angles.
     pub(super) const HEADING: f64 = 0.05;
     /// Of the speed, m/s.
     pub(super) const SPEED: f64 = 0.5;
-    /// Steering rate, rad/s: large, a mere regularisation.
+    /// Steering rate, rad/s: large, for regularisation only.
     pub(super) const STEERING_RATE: f64 = 2.0;
     /// Acceleration, m/s².
     pub(super) const ACCELERATION: f64 = 20.0;
@@ -73,17 +73,17 @@ mod sigma {
 /// Most iterations; runs of 20 s take about ten.
 const MAX_ITERATIONS: usize = 60;
 
-/// Extra weight on the inputs, in multiples of their own, when no step along the gains is cheaper: from, and at most.
+/// First and largest damping: additional weight of the inputs, as a multiple of their own, if no step reduces the cost.
 const DAMPING: std::ops::Range<f64> = 1.0..1e9;
 
-/// A relative gain in cost below this ends the iteration.
-const ENOUGH: f64 = 1e-7;
+/// Relative reduction of the cost below which the iteration ends.
+const CONVERGED: f64 = 1e-7;
 
 /// Fits the model to a driven log.
 ///
-/// The first state is exactly the problem's initial one (its steering angle, which files do not give, is the log's), the
-/// last one is at `last_time_step`; where the log ends earlier (or is no longer finite), its last sample goes on. An empty log gives the initial
-/// state alone.
+/// The first state is the initial one of the problem, with the steering angle of the log, since files have none. The last
+/// state is at `last_time_step`. If the log ends earlier, or has a number that is not finite, its last valid sample is the
+/// reference from there on. An empty log gives only the initial state.
 #[must_use]
 pub fn fit(
     scenario: &Scenario,
@@ -97,14 +97,14 @@ pub fn fit(
     let samples = &log.samples[..log.samples.iter().position(|s| !is_finite(s)).unwrap_or(log.samples.len())];
     let steps = if samples.is_empty() { 0 } else { usize::try_from(last_time_step - first).unwrap_or(0) };
     #[allow(clippy::cast_precision_loss)] // time steps are at most 1e9
-    let wanted: Vec<Wanted> = (0..=steps)
-        .map(|k| Wanted::at(samples, vehicle, (first + k as i64) as f64 * scenario.time_step, origin))
+    let reference: Vec<Reference> = (0..=steps)
+        .map(|k| Reference::at(samples, vehicle, (first + k as i64) as f64 * scenario.time_step, origin))
         .collect();
     let model = Model::new(vehicle, scenario.time_step);
     let steering = samples.first().map_or(0.0, |s| s.steering);
     let start = model.start(&problem.initial, steering);
-    let states = Fitter { model: &model, wanted: &wanted }.solve(start, steps);
-    let deviation = |(z, w): (&Vector5<f64>, &Wanted)| (model.centre(z) - w.centre).norm();
+    let states = Fitter { model: &model, reference: &reference }.solve(start, steps);
+    let deviation = |(z, r): (&Vector5<f64>, &Reference)| (model.centre(z) - r.centre).norm();
     #[allow(clippy::cast_possible_wrap)] // a count of states in memory
     let state = |(k, z): (usize, &Vector5<f64>)| KinematicState {
         time_step: first + k as i64,
@@ -113,23 +113,23 @@ pub fn fit(
         steering: z[model::DELTA],
     };
     let max_deviation_m =
-        if samples.is_empty() { 0.0 } else { states.iter().zip(&wanted).map(deviation).fold(0.0, f64::max) };
+        if samples.is_empty() { 0.0 } else { states.iter().zip(&reference).map(deviation).fold(0.0, f64::max) };
     KinematicFit { states: states.iter().enumerate().map(state).collect(), max_deviation_m }
 }
 
-/// Whether what the fit reads of a sample is finite; a log may end in a broken one.
+/// Whether the values that the fit uses are finite.
 fn is_finite(s: &Sample) -> bool {
     [s.time, s.pose.position.x, s.pose.position.y, s.pose.yaw, s.speed, s.steering].iter().all(|v| v.is_finite())
 }
 
-/// What was driven at a time step, relative to the initial position.
-struct Wanted {
+/// Centre, heading and speed of the log at a time step, relative to the initial position.
+struct Reference {
     centre: Point,
     yaw: f64,
     speed: f64,
 }
 
-impl Wanted {
+impl Reference {
     fn at(samples: &[Sample], vehicle: &Vehicle, time: f64, origin: Point) -> Self {
         let after = samples.partition_point(|s| s.time <= time);
         let (pose, speed) = match (after.checked_sub(1).and_then(|i| samples.get(i)), samples.get(after)) {
@@ -156,7 +156,7 @@ type RollOut = (Vec<Vector5<f64>>, Vec<Vector2<f64>>, f64);
 
 struct Fitter<'a> {
     model: &'a Model,
-    wanted: &'a [Wanted],
+    reference: &'a [Reference],
 }
 
 impl Fitter<'_> {
@@ -176,7 +176,7 @@ impl Fitter<'_> {
             };
             let gain = cost - new_cost;
             (states, inputs, cost) = (new_states, new_inputs, new_cost);
-            if gain <= ENOUGH * cost {
+            if gain <= CONVERGED * cost {
                 break;
             }
             damping = if damping > DAMPING.start { damping * 0.1 } else { 0.0 };
@@ -184,10 +184,10 @@ impl Fitter<'_> {
         states
     }
 
-    /// A roll-out that follows the driven speed and turns towards the driven heading: near enough to linearise about.
+    /// A roll-out that follows speed and heading of the reference: close enough for the first linearisation.
     fn first_guess(&self, start: Vector5<f64>, inputs: &mut [Vector2<f64>]) -> Vec<Vector5<f64>> {
         let mut states = vec![start];
-        for (input, next) in inputs.iter_mut().zip(&self.wanted[1..]) {
+        for (input, next) in inputs.iter_mut().zip(&self.reference[1..]) {
             let z = states[states.len() - 1];
             *input = self.model.clamp(&z, self.model.towards(&z, next.yaw, next.speed));
             states.push(self.model.step(&z, input));
@@ -196,14 +196,14 @@ impl Fitter<'_> {
     }
 
     /// Weighted deviations of a state: centre (2), heading, speed.
-    fn residual(&self, z: &Vector5<f64>, wanted: &Wanted) -> nalgebra::Vector4<f64> {
-        let position = (self.model.centre(z) - wanted.centre) / sigma::POSITION;
-        let heading = wrap_angle(z[PSI] - wanted.yaw) / sigma::HEADING;
-        nalgebra::Vector4::new(position.x, position.y, heading, (z[V] - wanted.speed) / sigma::SPEED)
+    fn residual(&self, z: &Vector5<f64>, reference: &Reference) -> nalgebra::Vector4<f64> {
+        let position = (self.model.centre(z) - reference.centre) / sigma::POSITION;
+        let heading = wrap_angle(z[PSI] - reference.yaw) / sigma::HEADING;
+        nalgebra::Vector4::new(position.x, position.y, heading, (z[V] - reference.speed) / sigma::SPEED)
     }
 
     fn cost(&self, states: &[Vector5<f64>], inputs: &[Vector2<f64>]) -> f64 {
-        let deviations: f64 = states.iter().zip(self.wanted).map(|(z, w)| self.residual(z, w).norm_squared()).sum();
+        let deviations: f64 = states.iter().zip(self.reference).map(|(z, r)| self.residual(z, r).norm_squared()).sum();
         deviations + inputs.iter().map(|u| input_weights().component_mul(u).dot(u)).sum::<f64>()
     }
 
@@ -235,13 +235,13 @@ impl Fitter<'_> {
     /// Half the gradient and half the Gauss–Newton Hessian of the cost of state `k`.
     fn quadratic(&self, k: usize, states: &[Vector5<f64>]) -> (Vector5<f64>, Matrix5<f64>) {
         let jacobian = self.model.residual_jacobian(&states[k]);
-        let residual = self.residual(&states[k], &self.wanted[k]);
+        let residual = self.residual(&states[k], &self.reference[k]);
         (jacobian.transpose() * residual, jacobian.transpose() * jacobian)
     }
 
-    /// The first roll-out along the gains, with ever smaller steps, that is cheaper.
+    /// Line search: the first roll-out with a lower cost, with the step halved each time.
     fn search(&self, states: &[Vector5<f64>], inputs: &[Vector2<f64>], gains: &[Gain], cost: f64) -> Option<RollOut> {
-        /// Halvings of the step; after that, damping does better.
+        /// Most step sizes; after that, damping is more effective.
         const HALVINGS: i32 = 5;
         (0..HALVINGS).find_map(|halvings| {
             let ratio = 0.5_f64.powi(halvings);
@@ -249,8 +249,8 @@ impl Fitter<'_> {
             let mut chosen = Vec::with_capacity(inputs.len());
             for (k, gain) in gains.iter().enumerate() {
                 let z = rolled[k];
-                let wanted = inputs[k] + gain.constant * ratio + gain.feedback * (z - states[k]);
-                let u = self.model.clamp(&z, wanted);
+                let unlimited = inputs[k] + gain.constant * ratio + gain.feedback * (z - states[k]);
+                let u = self.model.clamp(&z, unlimited);
                 rolled.push(self.model.step(&z, &u));
                 chosen.push(u);
             }
@@ -260,8 +260,8 @@ impl Fitter<'_> {
     }
 }
 
-/// The change of input that minimises ½ uᵀ Q_uu u + uᵀ Q_u inside a box, and the feedback of what is not at a limit: the
-/// best of the unlimited minimum and of those on the box's edges.
+/// The change of input that minimises ½ uᵀ Q_uu u + uᵀ Q_u inside a box, and the feedback of the inputs that are not at a
+/// limit. It is the unlimited minimum if that is inside the box, else the best minimum on an edge of the box.
 fn limited_gain(
     q_uu: &Matrix2<f64>,
     q_u: &Vector2<f64>,
@@ -298,7 +298,7 @@ fn input_weights() -> Vector2<f64> {
     Vector2::new(sigma::STEERING_RATE.powi(-2), sigma::ACCELERATION.powi(-2))
 }
 
-/// The solution file, for a vehicle with a CommonRoad type (`None` otherwise): model KS, cost function SM1.
+/// The solution file with model KS and cost function SM1. `None` for a vehicle without a CommonRoad type.
 #[must_use]
 pub fn to_xml(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, fit: &KinematicFit) -> Option<String> {
     let kind = vehicle.commonroad_type?;
@@ -306,7 +306,7 @@ pub fn to_xml(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle,
     let mut xml = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
     // Writing to a String cannot fail.
     let _ = writeln!(xml, "<CommonRoadSolution benchmark_id=\"{}\">", escaped(&id));
-    // Headings stay continuous and start with the problem's own, less whole turns that the format does not allow.
+    // The format allows headings within one turn: full turns of the first heading are subtracted from all.
     let turns = fit.states.first().map_or(0.0, |s| (s.centre.yaw / TAU).trunc() * TAU);
     let _ = writeln!(xml, "  <ksTrajectory planningProblem=\"{}\">", problem.id);
     for s in &fit.states {

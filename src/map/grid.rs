@@ -6,35 +6,35 @@ use std::sync::Arc;
 use super::RoadNetwork;
 use crate::geometry::{Point, Pose};
 
-/// What is known of a cell.
+/// State of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cell {
-    /// Nothing is there.
+    /// Free of obstacles.
     Free,
-    /// Something is there.
+    /// Occupied by an obstacle.
     Occupied,
-    /// Nobody knows.
+    /// Not observed.
     Unknown,
 }
 
-/// A grid of square cells, turned anyhow in the world.
+/// A grid of square cells, in any orientation.
 ///
-/// Cell (column, row) is the square from (column, row) · resolution to (column + 1, row + 1) · resolution in the frame
-/// of the origin: columns along its x axis, rows along its y axis, borders included.
+/// Cell (column, row) is the closed square from (column, row) · resolution to (column + 1, row + 1) · resolution in the
+/// frame of the origin: columns in x direction, rows in y direction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OccupancyGrid {
     origin: Pose,
     resolution: f64,
     width: usize,
     height: usize,
-    /// Row by row from the origin's, each from the origin's column. Shared: grids are large, and clones common.
+    /// Row by row from the origin. Shared, since grids are large and clones are common.
     cells: Arc<[Cell]>,
 }
 
-/// Why cells make no grid.
+/// Why cells do not form a grid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GridError {
-    /// Not a length.
+    /// The resolution is not a positive length.
     #[error("the resolution is {0} m, expected a positive number")]
     Resolution(f64),
     /// The pose of the origin is not finite.
@@ -66,7 +66,7 @@ impl OccupancyGrid {
     /// (0, 0), `resolution` the side of a cell, m.
     ///
     /// # Errors
-    /// A resolution that is no length, an origin that is not finite, another number of cells than width · height.
+    /// The resolution is not positive, the origin is not finite, or the number of cells is not width · height.
     pub fn new(
         origin: Pose,
         resolution: f64,
@@ -110,50 +110,51 @@ impl OccupancyGrid {
         self.height
     }
 
-    /// A cell; `None` beyond the grid.
+    /// A cell; `None` outside of the grid.
     #[must_use]
     pub fn cell(&self, column: usize, row: usize) -> Option<Cell> {
         if column < self.width { self.cells.get(row.checked_mul(self.width)? + column).copied() } else { None }
     }
 
-    /// The cell that holds a point of the world; `None` beyond the grid.
+    /// The cell that contains a point of the world; `None` outside of the grid.
     #[must_use]
     pub fn cell_at(&self, p: Point) -> Option<Cell> {
         let local = self.origin.to_local(p) / self.resolution;
         if !(local.x >= 0.0 && local.y >= 0.0) {
             return None;
         }
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // not negative; beyond the grid it saturates
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        // not negative; saturates outside of the grid
         self.cell(local.x as usize, local.y as usize)
     }
 
-    /// The wanted cells as few rectangles that do not overlap: runs of each row, joined with the row below where it has
-    /// the very same run. In order of their first row and column.
+    /// The selected cells as few disjoint rectangles: runs of each row, joined with an equal run of the row below. In order
+    /// of their first row and column.
     #[must_use]
-    pub fn blocks(&self, wanted: impl Fn(Cell) -> bool) -> Vec<CellBlock> {
-        self.blocks_within(&CellBlock { columns: 0..self.width, rows: 0..self.height }, wanted)
+    pub fn blocks(&self, is_selected: impl Fn(Cell) -> bool) -> Vec<CellBlock> {
+        self.blocks_within(&CellBlock { columns: 0..self.width, rows: 0..self.height }, is_selected)
     }
 
-    /// [`OccupancyGrid::blocks`] of a part of the grid: rectangles end where it ends.
+    /// [`OccupancyGrid::blocks`] of a part of the grid. The rectangles are inside the part.
     #[must_use]
-    pub fn blocks_within(&self, part: &CellBlock, wanted: impl Fn(Cell) -> bool) -> Vec<CellBlock> {
+    pub fn blocks_within(&self, part: &CellBlock, is_selected: impl Fn(Cell) -> bool) -> Vec<CellBlock> {
         let columns = part.columns.start..part.columns.end.min(self.width);
         let rows = part.rows.start..part.rows.end.min(self.height);
         let mut blocks: Vec<CellBlock> = Vec::new();
         if columns.is_empty() {
             return blocks;
         }
-        // blocks that end with the last row, in order of their columns
+        // blocks that extend to the previous row, in order of their columns
         let mut open: Vec<usize> = Vec::new();
         for row in rows {
             let cells = &self.cells[row * self.width..][columns.clone()];
             let mut below = open.into_iter().peekable();
             let mut now = Vec::new();
             let mut column = columns.start;
-            for run in cells.chunk_by(|a, b| wanted(*a) == wanted(*b)) {
+            for run in cells.chunk_by(|a, b| is_selected(*a) == is_selected(*b)) {
                 let columns = column..column + run.len();
                 column = columns.end;
-                if !wanted(run[0]) {
+                if !is_selected(run[0]) {
                     continue;
                 }
                 while below.next_if(|i| blocks[*i].columns.start < columns.start).is_some() {}
@@ -170,14 +171,14 @@ impl OccupancyGrid {
         blocks
     }
 
-    /// The part of the grid within `margin` metres of the box, in the grid's directions, around points of the world;
-    /// empty where they are farther away than that, and without a point.
+    /// The part of the grid within `margin` metres of the points' bounding box (in the grid's directions). Empty without
+    /// points, or if the grid is farther away.
     #[must_use]
     pub fn part_around<'a>(&self, points: impl IntoIterator<Item = &'a Point>, margin: f64) -> CellBlock {
         let empty = (Point::new(f64::INFINITY, f64::INFINITY), Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
         let around = |(low, high): (Point, Point), p: Point| (low.inf(&p), high.sup(&p));
         let (low, high) = points.into_iter().map(|p| self.origin.to_local(*p)).fold(empty, around);
-        // casts saturate at zero and at the largest number, and make zero of what is no number
+        // casts saturate at zero and at the largest number; NaN becomes zero
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let cells = |low: f64, high: f64, count: usize| {
             let (from, to) = ((low - margin) / self.resolution, (high + margin) / self.resolution);
@@ -186,7 +187,7 @@ impl OccupancyGrid {
         CellBlock { columns: cells(low.x, high.x, self.width), rows: cells(low.y, high.y, self.height) }
     }
 
-    /// Whether any lanelet's surface lies under the grid, if only in part.
+    /// Whether the grid overlaps any lanelet.
     #[must_use]
     pub fn touches(&self, network: &RoadNetwork) -> bool {
         let far = Point::new(self.width as f64, self.height as f64) * self.resolution;
@@ -194,7 +195,7 @@ impl OccupancyGrid {
         network.lanelets.values().any(|lanelet| {
             let outline: Vec<Point> = lanelet.outline().iter().map(|p| self.origin.to_local(*p)).collect();
             let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-            // the outline enters the grid, or the grid lies within the outline
+            // the outline enters the grid, or the grid is inside the outline
             outline.iter().any(inside)
                 || edges.into_iter().any(|(a, b)| crosses(*a, *b, far))
                 || lanelet.contains(self.origin.position)
@@ -212,17 +213,17 @@ impl OccupancyGrid {
     }
 }
 
-/// Whether a segment meets the rectangle from the origin to `far`: clipped by its four sides (Liang & Barsky 1984).
+/// Whether a segment intersects the rectangle from the origin to `far`, by line clipping (Liang & Barsky 1984).
 fn crosses(a: Point, b: Point, far: Point) -> bool {
     let (mut from, mut to) = (0.0_f64, 1.0_f64);
-    for (start, along, length) in [(a.x, b.x - a.x, far.x), (a.y, b.y - a.y, far.y)] {
-        if along == 0.0 {
+    for (start, direction, length) in [(a.x, b.x - a.x, far.x), (a.y, b.y - a.y, far.y)] {
+        if direction == 0.0 {
             if !(0.0..=length).contains(&start) {
                 return false;
             }
             continue;
         }
-        let (one, other) = (-start / along, (length - start) / along);
+        let (one, other) = (-start / direction, (length - start) / direction);
         (from, to) = (from.max(one.min(other)), to.min(one.max(other)));
     }
     from <= to
@@ -243,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_are_joined_over_rows_where_they_are_the_same() {
+    fn joins_equal_runs_of_successive_rows() {
         let grid = grid(5, &["##..#", "##..#", "##.##", "....."]);
         let blocks = grid.blocks(|c| c == Cell::Occupied);
         let expected = [(0..2, 0..3), (4..5, 0..2), (3..5, 2..3)];
@@ -255,11 +256,11 @@ mod tests {
     }
 
     #[test]
-    fn a_point_lies_in_its_cell_of_a_turned_grid() {
+    fn finds_the_cell_of_a_point_in_a_rotated_grid() {
         let cells = vec![Cell::Free, Cell::Occupied, Cell::Unknown, Cell::Free];
         let quarter = std::f64::consts::FRAC_PI_2;
         let grid = OccupancyGrid::new(Pose::new(1.0, 2.0, quarter), 2.0, 2, 2, cells).unwrap();
-        // columns go up, rows go left
+        // columns are in y direction, rows in -x direction
         assert_eq!(grid.cell_at(Point::new(0.0, 5.0)), Some(Cell::Occupied));
         assert_eq!(grid.cell_at(Point::new(-2.0, 3.0)), Some(Cell::Unknown));
         for outside in [(2.0, 3.0), (0.0, 1.0), (0.0, 6.5), (-3.5, 3.0), (f64::NAN, 0.0), (1e300, 1e300)] {
@@ -269,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_part_around_points_is_that_of_their_box_and_no_more_than_the_grid() {
+    fn the_part_around_points_is_their_bounding_box_inside_the_grid() {
         let grid = grid(4, &["....", "....", "....", "...."]);
         let part = |x: f64, y: f64, margin: f64| grid.part_around(&[Point::new(x, y)], margin);
         // cells of 0.5 m from (10, 20)
@@ -283,35 +284,35 @@ mod tests {
     }
 
     #[test]
-    fn a_grid_touches_a_road_that_enters_crosses_or_surrounds_it_and_no_other() {
+    fn a_grid_touches_a_road_that_enters_crosses_or_surrounds_it() {
         use crate::fixtures::{lanelet, line, network, road};
-        let turned = |x: f64, y: f64, yaw: f64| {
+        let rotated = |x: f64, y: f64, yaw: f64| {
             OccupancyGrid::new(Pose::new(x, y, yaw), 1.0, 10, 10, vec![Cell::Free; 100]).unwrap()
         };
         let lane = road(4.0, 100.0);
         for (grid, what) in [
-            (turned(95.0, -5.0, 0.0), "the road ends in it"),
-            (turned(50.0, -5.0, 0.0), "the road crosses it"),
-            (turned(50.0, 1.9, 0.0), "the road's side runs along it"),
-            (turned(50.0, -7.0, std::f64::consts::FRAC_PI_4), "a corner reaches over the road's side"),
+            (rotated(95.0, -5.0, 0.0), "the road ends in it"),
+            (rotated(50.0, -5.0, 0.0), "the road crosses it"),
+            (rotated(50.0, 1.9, 0.0), "the side of the road is inside it"),
+            (rotated(50.0, -7.0, std::f64::consts::FRAC_PI_4), "a corner extends over the side of the road"),
         ] {
             assert!(grid.touches(&lane), "{what}");
         }
         let wide = network([lanelet(1, line(&[(0.0, -50.0), (100.0, -50.0)]), line(&[(0.0, 50.0), (100.0, 50.0)]))]);
-        assert!(turned(40.0, 0.0, 0.3).touches(&wide), "it lies within the road");
+        assert!(rotated(40.0, 0.0, 0.3).touches(&wide), "it lies within the road");
         for (grid, what) in [
-            (turned(50.0, 2.1, 0.0), "beside"),
-            (turned(101.0, -5.0, 0.0), "behind the end"),
-            (turned(-20.0, -20.0, 0.0), "before and below"),
-            (turned(-9.0, 1.0, std::f64::consts::FRAC_PI_4), "its box would touch"),
+            (rotated(50.0, 2.1, 0.0), "beside"),
+            (rotated(101.0, -5.0, 0.0), "behind the end"),
+            (rotated(-20.0, -20.0, 0.0), "before and below"),
+            (rotated(-9.0, 1.0, std::f64::consts::FRAC_PI_4), "its box would touch"),
         ] {
             assert!(!grid.touches(&lane), "{what}");
         }
-        assert!(!turned(0.0, 0.0, 0.0).touches(&RoadNetwork::default()));
+        assert!(!rotated(0.0, 0.0, 0.0).touches(&RoadNetwork::default()));
     }
 
     #[test]
-    fn what_is_no_grid_is_told() {
+    fn refuses_invalid_grids() {
         let at = |x: f64| Pose::new(x, 0.0, 0.0);
         let new = |origin, resolution, width, n: usize| {
             OccupancyGrid::new(origin, resolution, width, 2, vec![Cell::Free; n]).unwrap_err()
@@ -325,9 +326,9 @@ mod tests {
     }
 
     proptest! {
-        /// Of a part, the blocks are those of the whole, cut.
+        /// The blocks of a part cover the selected cells in it.
         #[test]
-        fn blocks_of_a_part_are_the_wanted_cells_in_it(
+        fn blocks_of_a_part_cover_its_selected_cells(
             seed in prop::collection::vec(any::<bool>(), 48), c in (0..10usize, 0..10usize), r in (0..8usize, 0..8usize),
         ) {
             let cells: Vec<Cell> = seed.iter().map(|o| if *o { Cell::Occupied } else { Cell::Free }).collect();
@@ -338,28 +339,28 @@ mod tests {
             for row in 0..6 {
                 for column in 0..8 {
                     let inside = part.columns.contains(&column) && part.rows.contains(&row);
-                    let wanted = inside && grid.cell(column, row) == Some(Cell::Occupied);
-                    prop_assert_eq!(covers(column, row), usize::from(wanted));
+                    let is_selected = inside && grid.cell(column, row) == Some(Cell::Occupied);
+                    prop_assert_eq!(covers(column, row), usize::from(is_selected));
                 }
             }
         }
 
-        /// The blocks cover the wanted cells, each once, and nothing else.
+        /// The blocks cover each selected cell once, and no other cell.
         #[test]
-        fn blocks_are_the_wanted_cells(width in 1..9usize, height in 1..9usize, seed in prop::collection::vec(0..3u8, 64)) {
+        fn blocks_cover_the_selected_cells_once(width in 1..9usize, height in 1..9usize, seed in prop::collection::vec(0..3u8, 64)) {
             let cells: Vec<Cell> =
                 seed[..width * height].iter().map(|c| [Cell::Free, Cell::Occupied, Cell::Unknown][usize::from(*c)]).collect();
             let grid = OccupancyGrid::new(Pose::new(0.0, 0.0, 0.0), 1.0, width, height, cells).unwrap();
-            let wanted = |c| c != Cell::Free;
+            let is_selected = |c| c != Cell::Free;
             let mut covered = vec![0; width * height];
-            for block in grid.blocks(wanted) {
+            for block in grid.blocks(is_selected) {
                 for row in block.rows.clone() {
                     block.columns.clone().for_each(|column| covered[row * width + column] += 1);
                 }
             }
             for row in 0..height {
                 for column in 0..width {
-                    prop_assert_eq!(covered[row * width + column], i32::from(wanted(grid.cell(column, row).unwrap())));
+                    prop_assert_eq!(covered[row * width + column], i32::from(is_selected(grid.cell(column, row).unwrap())));
                 }
             }
         }

@@ -1,7 +1,7 @@
-//! The world without a file format: road network, obstacles with their predictions, planning problems.
+//! Scenarios, independent of a file format: road network, obstacles with their predictions, planning problems.
 //!
-//! Readers in [`crate::io`] produce these types together with the [`Issue`]s they met; every later stage only reads
-//! them. Positions are world coordinates in metres (UTM magnitudes are fine: everything is `f64`).
+//! The readers in [`crate::io`] create these types, with the [`Issue`]s of the file; later stages do not change them.
+//! Positions are world coordinates in metres. They may be as large as UTM coordinates, since all numbers are `f64`.
 
 mod grid;
 mod network;
@@ -15,38 +15,38 @@ pub use obstacle::{Motion, Obstacle, ObstacleKind, TimedOccupancy, TimedPose};
 pub use problem::{Goal, GoalPosition, InitialState, Interval, PlanningProblem};
 pub use shape::{ConvexPart, Part, Shape};
 
-/// A scenario: what a planner is given.
+/// A scenario: the input of a planner.
 #[derive(Debug, Clone)]
 pub struct Scenario {
-    /// The file's own name for it (CommonRoad benchmark id).
+    /// Its name in the file (CommonRoad benchmark id).
     pub id: String,
     /// Version of the file format, e.g. `2020a`.
     pub version: String,
     /// Duration of one time step of the file, s. Positive and finite.
     pub time_step: f64,
-    /// Lanes and rules.
+    /// Lanelets, traffic signs and traffic lights.
     pub network: RoadNetwork,
-    /// Everything that can be hit, static and moving.
+    /// Static and moving obstacles.
     pub obstacles: Vec<Obstacle>,
-    /// Cells that can be hit, beside the obstacles.
+    /// Occupied cells, in addition to the obstacles.
     pub occupancy: Option<OccupancyGrid>,
-    /// The tasks set by the file, at least one after reading a scenario.
+    /// The planning problems of the file; a reader gives at least one.
     pub problems: Vec<PlanningProblem>,
-    /// What the reader had to repair or leave out.
+    /// What the reader repaired or left out.
     pub issues: Vec<Issue>,
 }
 
 impl Scenario {
-    /// Lays a grid, read from `file`, over the map. One that lies beside every lanelet has no effect, most likely because
-    /// it is in other coordinates: that is noted as an issue.
+    /// Adds an occupancy grid, read from `file`. A grid that overlaps no lanelet has no effect, most likely because it is in
+    /// other coordinates: this is an issue.
     pub fn overlay(&mut self, grid: OccupancyGrid, file: &str) {
         if !grid.touches(&self.network) {
             let (width, height) = (grid.width(), grid.height());
             let corner = |block: CellBlock| grid.corners(&block)[2];
             let (near, far) = (grid.origin().position, corner(CellBlock { columns: 0..width, rows: 0..height }));
             let message = format!(
-                "lies beside the road: no lanelet is under it, from ({:.1}, {:.1}) to ({:.1}, {:.1}); expected a grid in the \
-                 scenario's coordinates; kept, but nothing of it is in the way",
+                "lies beside the road: it overlaps no lanelet, from ({:.1}, {:.1}) to ({:.1}, {:.1}); expected a grid in the \
+                 scenario's coordinates; kept, without effect",
                 near.x, near.y, far.x, far.y
             );
             self.issues.push(Issue { line: 0, element: format!("occupancy grid {file}"), message });
@@ -55,14 +55,14 @@ impl Scenario {
     }
 }
 
-/// Something in a file that the reader repaired or left out. The map is still usable.
+/// Something in a file that the reader repaired or left out. The scenario is usable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Issue {
     /// Line in the file, 1-based; 0 when it concerns the file as a whole.
     pub line: u32,
     /// The element, with its id when it has one: `lanelet 12`.
     pub element: String,
-    /// What was found, what was expected, what was done.
+    /// The fault and its consequence.
     pub message: String,
 }
 

@@ -1,4 +1,4 @@
-//! Lanelets, their neighbourhood and the rules that hold on them.
+//! The road network: lanelets with their neighbours and rules, traffic signs, traffic lights.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use crate::geometry::polyline::Polyline;
 /// Id of a lanelet, as in the file.
 pub type LaneletId = i64;
 
-/// The road network. Lanelets are kept in order of their ids, so that every walk over them is reproducible.
+/// The road network. Lanelets are ordered by id, so that every iteration is reproducible.
 #[derive(Debug, Clone, Default)]
 pub struct RoadNetwork {
     /// All lanelets by id.
@@ -19,16 +19,16 @@ pub struct RoadNetwork {
     pub lights: BTreeMap<i64, TrafficLight>,
 }
 
-/// A neighbour beside a lanelet.
+/// An adjacent lanelet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Neighbour {
     /// The neighbour's id.
     pub id: LaneletId,
-    /// Whether it is driven in the same direction.
+    /// Whether it has the same driving direction.
     pub same_direction: bool,
 }
 
-/// An atomic piece of lane between two bounds.
+/// A section of a lane between two bounds.
 #[derive(Debug, Clone)]
 pub struct Lanelet {
     /// Id in the file.
@@ -39,9 +39,9 @@ pub struct Lanelet {
     pub right: Polyline,
     /// Middle between the bounds, in driving direction.
     pub centre: Polyline,
-    /// Lanelets that follow.
+    /// Ids of the next lanelets.
     pub successors: Vec<LaneletId>,
-    /// Lanelets that lead here.
+    /// Ids of the previous lanelets.
     pub predecessors: Vec<LaneletId>,
     /// Neighbour on the left.
     pub adjacent_left: Option<Neighbour>,
@@ -60,8 +60,8 @@ pub struct Lanelet {
 }
 
 impl Lanelet {
-    /// The middle between bounds given by their points: of points that belong together where both bounds have as many,
-    /// else of points at equal shares of the bounds' lengths. `None` if it would be a point.
+    /// The centre line of two bounds: between corresponding points if both have the same number of points, else between
+    /// points at equal ratios of the lengths. `None` if it has no length.
     pub(crate) fn centre_line(
         left_points: &[Point],
         right_points: &[Point],
@@ -74,33 +74,33 @@ impl Lanelet {
         let last = left_points.len().max(right_points.len()) - 1;
         #[allow(clippy::cast_precision_loss)] // a count of points
         Polyline::new((0..=last).map(|i| {
-            let share = i as f64 / last as f64;
-            nalgebra::center(&left.at(share * left.length()), &right.at(share * right.length()))
+            let ratio = i as f64 / last as f64;
+            nalgebra::center(&left.at(ratio * left.length()), &right.at(ratio * right.length()))
         }))
     }
 
-    /// The outline, counter-clockwise for a lanelet whose bounds are the right way round: right bound forwards, left
-    /// bound backwards. Not closed.
+    /// The outline: right bound forwards, left bound backwards. Counter-clockwise if the left bound is on the left. Not
+    /// closed.
     #[must_use]
     pub fn outline(&self) -> Vec<Point> {
         self.right.points().iter().chain(self.left.points().iter().rev()).copied().collect()
     }
 
-    /// Whether cars may drive here. Footways, cycle paths, crosswalks, bus and rail lanes are not for them.
+    /// Whether cars may drive on it: not on sidewalks, bicycle lanes, crosswalks, borders and parking areas.
     #[must_use]
     pub fn is_drivable(&self) -> bool {
         const CLOSED: [&str; 5] = ["sidewalk", "bicycleLane", "crosswalk", "border", "parking"];
         !self.types.iter().any(|t| CLOSED.contains(&t.as_str()))
     }
 
-    /// Whether the point lies inside the outline (even–odd rule; on the border either answer).
+    /// Whether the point is inside the outline (even–odd rule). Either answer on the border.
     #[must_use]
     pub fn contains(&self, p: Point) -> bool {
         super::shape::polygon_contains(&self.outline(), p)
     }
 }
 
-/// A line at which to stop.
+/// A stop line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StopLine {
     /// Left end.
@@ -109,7 +109,7 @@ pub struct StopLine {
     pub end: Point,
 }
 
-/// A traffic sign, kept as in the file.
+/// A traffic sign as in the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrafficSign {
     /// Id in the file.
@@ -120,7 +120,7 @@ pub struct TrafficSign {
     pub position: Option<Point>,
 }
 
-/// A traffic light with its cycle, kept as in the file.
+/// A traffic light with its cycle, as in the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrafficLight {
     /// Id in the file.

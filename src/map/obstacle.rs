@@ -1,4 +1,4 @@
-//! Obstacles and what is known of their motion.
+//! Obstacles and their predicted motion.
 
 use super::{ConvexPart, Shape};
 use crate::geometry::Pose;
@@ -8,15 +8,15 @@ use crate::geometry::Pose;
 pub struct Obstacle {
     /// Id in the file.
     pub id: i64,
-    /// What it is.
+    /// Kind of road user or structure.
     pub kind: ObstacleKind,
     /// Shape in the obstacle's frame. For [`Motion::Occupancy`] it is used only until the first predicted set.
     pub shape: Shape,
-    /// How it moves.
+    /// Motion over time.
     pub motion: Motion,
 }
 
-/// What an obstacle is, as far as planning cares.
+/// Kind of an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ObstacleKind {
     /// Car, truck, bus, motorcycle, train, …
@@ -33,13 +33,13 @@ pub enum ObstacleKind {
     Unknown,
 }
 
-/// What is known of an obstacle's motion. Times are seconds since time step 0 of the file.
+/// Predicted motion of an obstacle. Times are in seconds since time step 0 of the file.
 #[derive(Debug, Clone)]
 pub enum Motion {
-    /// It stays where it is, for ever.
+    /// It stands still at all times.
     Static(Pose),
-    /// A predicted trajectory of the shape's frame, in order of time, at least one state. Before its first and after
-    /// its last state the obstacle does not exist, as CommonRoad has it.
+    /// A predicted trajectory of the shape's frame: at least one state, in order of time. As in CommonRoad, the obstacle does
+    /// not exist before its first and after its last state.
     Trajectory(Vec<TimedPose>),
     /// A set-based prediction: a region for each time interval, in order of time.
     Occupancy(Vec<TimedOccupancy>),
@@ -68,13 +68,13 @@ pub struct TimedOccupancy {
 }
 
 impl Obstacle {
-    /// Whether it never moves.
+    /// Whether it is static.
     #[must_use]
     pub fn is_static(&self) -> bool {
         matches!(self.motion, Motion::Static(_))
     }
 
-    /// Pose of the shape's frame at `time`, interpolated between states; `None` while it does not exist, and for
+    /// Pose of the shape's frame at `time`, interpolated between states; `None` if it does not exist then, and for
     /// set-based predictions, which have no pose.
     #[must_use]
     pub fn pose_at(&self, time: f64) -> Option<Pose> {
@@ -87,7 +87,7 @@ impl Obstacle {
         match &self.motion {
             Motion::Static(pose) => Some(TimedPose { time, pose: *pose, speed: 0.0 }),
             Motion::Trajectory(states) => {
-                /// Times of steps are products `k · dt`: allow their rounding.
+                /// Tolerance for the rounding of times `k · dt`, s.
                 const SLACK: f64 = 1e-9;
                 let (first, last) = (states.first()?, states.last()?);
                 if time < first.time - SLACK || time > last.time + SLACK {
@@ -110,7 +110,7 @@ impl Obstacle {
         }
     }
 
-    /// The convex pieces occupied at `time`, in world coordinates; empty while it does not exist.
+    /// The convex pieces occupied at `time`, in world coordinates; empty if it does not exist then.
     #[must_use]
     pub fn occupied_at(&self, time: f64) -> Vec<ConvexPart> {
         match &self.motion {

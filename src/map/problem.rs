@@ -1,4 +1,4 @@
-//! Planning problems: where the run starts and what counts as the goal.
+//! Planning problems: initial state and goal of a run.
 
 use super::{LaneletId, Shape};
 use crate::geometry::{Pose, wrap_angle};
@@ -8,14 +8,14 @@ use crate::geometry::{Pose, wrap_angle};
 pub struct PlanningProblem {
     /// Id in the file.
     pub id: i64,
-    /// Where the vehicle is at the start.
+    /// State of the vehicle at the start.
     pub initial: InitialState,
-    /// Alternatives: reaching any of them is reaching the goal. Empty only in a file without a goal state.
+    /// Alternative goals: the run reaches its goal if it reaches any of them. Empty if the file has no goal state.
     pub goals: Vec<Goal>,
 }
 
-/// The vehicle at the start. The pose is that of the vehicle's **centre**, as CommonRoad has it;
-/// [`crate::vehicle::Vehicle::rear_axle_of_centre`] converts.
+/// The vehicle at the start. As in CommonRoad, the pose is that of the vehicle's **centre**;
+/// [`crate::vehicle::Vehicle::rear_axle_of_centre`] converts it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InitialState {
     /// Pose of the vehicle's centre.
@@ -40,13 +40,13 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Whether the value lies inside, ends included.
+    /// Whether the value is inside; both ends are.
     #[must_use]
     pub fn contains(&self, value: f64) -> bool {
         self.min <= value && value <= self.max
     }
 
-    /// Whether the angle lies inside, modulo full turns.
+    /// Whether the angle is inside, modulo full turns.
     #[must_use]
     pub fn contains_angle(&self, angle: f64) -> bool {
         let middle = f64::midpoint(self.min, self.max);
@@ -54,24 +54,24 @@ impl Interval {
     }
 }
 
-/// One goal state: all the given conditions together, judged for the vehicle's **centre**.
+/// A goal state: the conjunction of its conditions, for the vehicle's **centre**.
 #[derive(Debug, Clone)]
 pub struct Goal {
-    /// Where, when given.
+    /// Region, if there is one.
     pub position: Option<GoalPosition>,
-    /// When, as time since the start of the file, s.
+    /// Time since time step 0 of the file, s.
     pub time: Interval,
-    /// Speed, m/s, when given.
+    /// Speed, m/s, if there is a condition.
     pub speed: Option<Interval>,
-    /// Heading, rad, when given.
+    /// Heading, rad, if there is a condition.
     pub yaw: Option<Interval>,
 }
 
 /// The region of a goal.
 #[derive(Debug, Clone)]
 pub enum GoalPosition {
-    /// Any of these shapes, in world coordinates.
+    /// Any of the shapes, in world coordinates.
     Shapes(Shape),
-    /// Any of these lanelets.
+    /// Any of the lanelets.
     Lanelets(Vec<LaneletId>),
 }

@@ -2,7 +2,7 @@
 
 use crate::geometry::{Point, Pose, Vector, cross};
 
-/// A shape made of parts, in a local frame (obstacles) or in world coordinates (goals, set-based predictions).
+/// A union of parts, in a local frame (obstacles) or in world coordinates (goals, set-based predictions).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shape {
     /// At least one part.
@@ -12,7 +12,7 @@ pub struct Shape {
 /// One part of a shape.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Part {
-    /// A rectangle, length along its own x axis.
+    /// A rectangle. Its length is in the direction of its x axis.
     Rectangle {
         /// Centre and orientation.
         centre: Pose,
@@ -28,14 +28,14 @@ pub enum Part {
         /// Radius, m.
         radius: f64,
     },
-    /// A simple polygon, not closed, either winding, possibly concave.
+    /// A simple polygon, not closed, of either orientation, possibly concave.
     Polygon {
         /// At least three vertices.
         vertices: Vec<Point>,
     },
 }
 
-/// A convex piece, ready for collision queries.
+/// A convex piece for collision queries.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ConvexPart {
     /// Counter-clockwise convex polygon.
@@ -56,7 +56,7 @@ impl Shape {
         Self { parts: vec![Part::Rectangle { centre: Pose::new(0.0, 0.0, 0.0), length, width }] }
     }
 
-    /// Whether the point (in the shape's frame) lies inside any part, borders included up to rounding.
+    /// Whether the point (in the shape's frame) is inside any part. The border is inside, up to rounding.
     #[must_use]
     pub fn contains(&self, p: Point) -> bool {
         self.parts.iter().any(|part| match part {
@@ -69,7 +69,7 @@ impl Shape {
         })
     }
 
-    /// The shape as convex pieces; concave polygons are cut into triangles (ear clipping).
+    /// The shape as convex pieces. Concave polygons are cut into triangles (ear clipping).
     #[must_use]
     pub fn convex_parts(&self) -> Vec<ConvexPart> {
         let mut pieces = Vec::new();
@@ -93,7 +93,7 @@ impl Shape {
         pieces
     }
 
-    /// The shape moved by a pose: from the pose's local frame into the world.
+    /// The shape transformed from the local frame of a pose into the world.
     #[must_use]
     pub fn moved(&self, pose: &Pose) -> Self {
         let moved = |part: &Part| match part {
@@ -110,7 +110,7 @@ impl Shape {
         Self { parts: self.parts.iter().map(moved).collect() }
     }
 
-    /// Radius of a circle around the frame's origin that holds the whole shape, m.
+    /// Radius of a circle around the frame's origin that contains the shape, m.
     #[must_use]
     pub fn bounding_radius(&self) -> f64 {
         self.convex_parts().iter().fold(0.0, |r, part| r.max(part.bounding_radius()))
@@ -118,7 +118,7 @@ impl Shape {
 }
 
 impl ConvexPart {
-    /// The piece moved by a pose: from the pose's local frame into the world.
+    /// The piece transformed from the local frame of a pose into the world.
     #[must_use]
     pub fn at(&self, pose: &Pose) -> Self {
         match self {
@@ -127,7 +127,7 @@ impl ConvexPart {
         }
     }
 
-    /// Radius of a circle around the frame's origin that holds the piece, m.
+    /// Radius of a circle around the frame's origin that contains the piece, m.
     #[must_use]
     pub fn bounding_radius(&self) -> f64 {
         match self {
@@ -156,9 +156,9 @@ pub(crate) fn polygon_contains(polygon: &[Point], p: Point) -> bool {
     inside
 }
 
-/// Cuts a simple polygon into counter-clockwise convex pieces: itself if convex, else triangles by ear clipping.
-/// A polygon that crosses itself has no ears left at some point: what remains is covered by its convex hull, so the
-/// result never loses area.
+/// Cuts a simple polygon into counter-clockwise convex pieces: itself if convex, else triangles by ear clipping. A polygon
+/// that intersects itself has no ears left at some point: the convex hull of the remainder is the last piece, so that the
+/// pieces contain the polygon.
 fn convex_pieces(polygon: &[Point]) -> Vec<Vec<Point>> {
     let mut ring: Vec<Point> = polygon.to_vec();
     ring.dedup_by(|a, b| (*a - *b).norm() < 1e-9);
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn concave_polygon_is_cut_without_losing_or_adding_area() {
+    fn cuts_a_concave_polygon_into_pieces_of_the_same_area() {
         let l: Vec<Point> = [(0., 0.), (4., 0.), (4., 1.), (1., 1.), (1., 3.), (0., 3.)]
             .iter()
             .map(|&(x, y)| Point::new(x, y))
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn rectangle_contains_its_turned_corner_only() {
+    fn a_rotated_rectangle_contains_its_corner() {
         let s = Shape {
             parts: vec![Part::Rectangle {
                 centre: Pose::new(10.0, 0.0, std::f64::consts::FRAC_PI_2),
@@ -270,7 +270,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn hull_holds_every_point(points in prop::collection::vec((-10.0..10.0f64, -10.0..10.0f64), 3..40)) {
+        fn the_hull_contains_every_point(points in prop::collection::vec((-10.0..10.0f64, -10.0..10.0f64), 3..40)) {
             let points: Vec<Point> = points.into_iter().map(|(x, y)| Point::new(x, y)).collect();
             let hull = convex_hull(&points);
             for p in &points {

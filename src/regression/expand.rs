@@ -239,10 +239,7 @@ impl Expansion<'_> {
         if let Some(vehicle) = self.vehicles.get(&argument) {
             return Ok((argument, Arc::clone(vehicle)));
         }
-        let vehicle = vehicle::load(&argument).map_err(|e| {
-            let near = settings_file::nearest(name, vehicle::builtin_names().iter().copied());
-            near.map_or_else(|| e.to_string(), |near| format!("{e}\ndid you mean `{near}`?"))
-        })?;
+        let vehicle = vehicle::load(&argument).map_err(|e| e.to_string())?;
         let vehicle = Arc::new(vehicle);
         self.vehicles.insert(argument.clone(), Arc::clone(&vehicle));
         Ok((argument, vehicle))

@@ -1,21 +1,21 @@
-//! Goal regions on lanes: which lanelets lead through a goal, and where along them.
+//! Goal regions on lanes: the lanelets that lead through a goal, and the stations inside it.
 
 use std::collections::BTreeMap;
 
 use crate::geometry::{Point, wrap_angle};
 use crate::map::{ConvexPart, Goal, GoalPosition, Interval, Lanelet, LaneletId, RoadNetwork, Shape};
 
-/// Spacing at which centre lines are tried against a goal shape, m: goal regions are metres long.
+/// Spacing at which centre lines are sampled in a goal shape, m. Goal regions are metres long.
 const SPACING: f64 = 0.25;
-/// How far a lane's heading may lie outside of a goal's heading interval, rad: the vehicle may stand obliquely, and
-/// only lanes of the opposite direction are to be told apart.
+/// Largest difference between a lane's heading and a goal's heading interval, rad. The vehicle may be at an angle to the
+/// lane; only lanes of the opposite direction must be excluded.
 const HEADING_MARGIN: f64 = 0.6;
 
-/// Stations of each goal lanelet's centre line that lie in the goal, m.
+/// Stations of the centre line inside the goal, m, by lanelet.
 pub(super) type GoalSpans = BTreeMap<LaneletId, Interval>;
 
-/// The drivable lanelets that lead through any goal with a position. First choice: lanelets whose centre line runs
-/// through the region in a fitting direction; then in any direction; then those that overlap the region somewhere.
+/// The drivable lanelets that lead through any goal with a position. First choice: lanelets whose centre line passes
+/// through the region in the direction of the goal; then in any direction; then lanelets that overlap the region.
 pub(super) fn goal_spans(network: &RoadNetwork, goals: &[Goal]) -> GoalSpans {
     let mut spans = GoalSpans::new();
     for goal in goals {
@@ -26,14 +26,14 @@ pub(super) fn goal_spans(network: &RoadNetwork, goals: &[Goal]) -> GoalSpans {
                 }
             }
             Some(GoalPosition::Shapes(shape)) => {
-                let mut found: Vec<_> = crossing(network, shape, goal.yaw.as_ref());
-                if found.is_empty() {
-                    found = crossing(network, shape, None);
+                let mut inside: Vec<_> = crossing(network, shape, goal.yaw.as_ref());
+                if inside.is_empty() {
+                    inside = crossing(network, shape, None);
                 }
-                if found.is_empty() {
-                    found = overlapping(network, shape);
+                if inside.is_empty() {
+                    inside = overlapping(network, shape);
                 }
-                for (id, span) in found {
+                for (id, span) in inside {
                     add(&mut spans, id, span);
                 }
             }
@@ -43,7 +43,7 @@ pub(super) fn goal_spans(network: &RoadNetwork, goals: &[Goal]) -> GoalSpans {
     spans
 }
 
-/// Alternatives on one lanelet: the first one that is met counts, and what touches it.
+/// Adds a span of a lanelet. Of several, the first one along the lanelet is kept, joined with those that touch it.
 fn add(spans: &mut GoalSpans, id: LaneletId, span: Interval) {
     let entry = spans.entry(id).or_insert(span);
     if span.min <= entry.max && span.max >= entry.min {
@@ -53,7 +53,7 @@ fn add(spans: &mut GoalSpans, id: LaneletId, span: Interval) {
     }
 }
 
-/// Lanelets whose centre line runs through the shape, with the first stretch inside.
+/// Lanelets whose centre line passes through the shape, with the first section inside.
 fn crossing(network: &RoadNetwork, shape: &Shape, yaw: Option<&Interval>) -> Vec<(LaneletId, Interval)> {
     let fits = |lanelet: &Lanelet, station: f64| {
         let Some(yaw) = yaw else { return true };
@@ -77,7 +77,7 @@ fn crossing(network: &RoadNetwork, shape: &Shape, yaw: Option<&Interval>) -> Vec
         .collect()
 }
 
-/// Lanelets that hold one of the shape's corners or centres, with the stretch beside them.
+/// Lanelets that contain characteristic points of the shape, with the section between their projections.
 fn overlapping(network: &RoadNetwork, shape: &Shape) -> Vec<(LaneletId, Interval)> {
     let points: Vec<Point> = shape.convex_parts().iter().flat_map(characteristic_points).collect();
     let lanelets = network.lanelets.values().filter(|l| l.is_drivable());
@@ -92,7 +92,7 @@ fn overlapping(network: &RoadNetwork, shape: &Shape) -> Vec<(LaneletId, Interval
         .collect()
 }
 
-/// The middle of a convex piece, and points halfway and nearly all the way to its rim.
+/// The middle of a convex piece, and points at 50 % and 95 % of the distance to its corners.
 fn characteristic_points(part: &ConvexPart) -> Vec<Point> {
     let (centre, rim): (Point, Vec<Point>) = match part {
         ConvexPart::Polygon(points) => {
@@ -111,23 +111,23 @@ fn characteristic_points(part: &ConvexPart) -> Vec<Point> {
 /// Lower left and upper right corner.
 type Box2 = (Point, Point);
 
-fn grow((low, high): Box2, p: Point) -> Box2 {
+fn include((low, high): Box2, p: Point) -> Box2 {
     (Point::new(low.x.min(p.x), low.y.min(p.y)), Point::new(high.x.max(p.x), high.y.max(p.y)))
 }
 
-const NOTHING: Box2 = (Point::new(f64::INFINITY, f64::INFINITY), Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
+const EMPTY: Box2 = (Point::new(f64::INFINITY, f64::INFINITY), Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
 
 fn bounding_box(shape: &Shape) -> Box2 {
-    shape.convex_parts().iter().fold(NOTHING, |all, part| match part {
-        ConvexPart::Polygon(points) => points.iter().fold(all, |b, p| grow(b, *p)),
+    shape.convex_parts().iter().fold(EMPTY, |all, part| match part {
+        ConvexPart::Polygon(points) => points.iter().fold(all, |b, p| include(b, *p)),
         ConvexPart::Circle { centre, radius } => {
             let r = crate::geometry::Vector::new(*radius, *radius);
-            grow(grow(all, centre - r), centre + r)
+            include(include(all, centre - r), centre + r)
         }
     })
 }
 
 fn touches((low, high): &Box2, lanelet: &Lanelet) -> bool {
-    let (first, last) = lanelet.centre.points().iter().fold(NOTHING, |b, p| grow(b, *p));
+    let (first, last) = lanelet.centre.points().iter().fold(EMPTY, |b, p| include(b, *p));
     first.x <= high.x && last.x >= low.x && first.y <= high.y && last.y >= low.y
 }

@@ -1,4 +1,4 @@
-//! The lane graph: lanelets as nodes; following and changing lanes as edges. Searches by petgraph.
+//! The lane graph: lanelets as nodes, successors and lane changes as edges. The searches are those of petgraph.
 
 use std::collections::BTreeMap;
 
@@ -9,23 +9,23 @@ use petgraph::visit::{EdgeRef, Reversed};
 use crate::geometry::Point;
 use crate::map::{LaneletId, RoadNetwork};
 
-/// Price of a lane change, in metres of detour it is worth.
+/// Cost of a lane change, as metres of detour.
 const LANE_CHANGE_COST: f64 = 30.0;
 
-/// How one lanelet leads to another.
+/// Kind of an edge between lanelets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Link {
-    /// The next lanelet along the lane.
+    /// To a successor.
     Follow,
-    /// The lanelet beside, driven in the same direction.
+    /// To an adjacent lanelet of the same direction.
     Change,
 }
 
 /// The lane graph of a road network: drivable lanelets only.
 ///
-/// Cost of following: the length of the lanelet left behind. Cost of changing: `LANE_CHANGE_COST`. Both are raised to
-/// the distance between the two lanelets' first points where that is larger (gaps between lanelets, beginnings far
-/// apart), so that the straight-line distance between first points is a consistent heuristic by construction.
+/// The cost of an edge to a successor is the length of the lanelet before it, that of a lane change 30 m. Each is at least
+/// the distance between the first points of the two lanelets (which is larger for gaps between lanelets), so that the
+/// straight-line distance between first points is a consistent heuristic.
 #[derive(Debug, Clone)]
 pub struct LaneGraph {
     graph: DiGraph<LaneletId, (Link, f64)>,
@@ -33,17 +33,17 @@ pub struct LaneGraph {
     firsts: BTreeMap<LaneletId, Point>,
 }
 
-/// A way through the lane graph.
+/// A path through the lane graph.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LanePath {
-    /// Lanelets from the start's to the goal's, both included.
+    /// Lanelets from the start to the goal, including both.
     pub lanelets: Vec<LaneletId>,
     /// Cost, m (lengths and lane changes).
     pub cost: f64,
 }
 
 impl LaneGraph {
-    /// The graph of a network. References to lanelets that do not exist or are not drivable are left out.
+    /// The graph of a network, without references to lanelets that do not exist or are not drivable.
     #[must_use]
     pub fn new(network: &RoadNetwork) -> Self {
         let mut graph = DiGraph::new();
@@ -55,8 +55,8 @@ impl LaneGraph {
         for lanelet in network.lanelets.values() {
             let Some(&from) = nodes.get(&lanelet.id) else { continue };
             let follow = lanelet.successors.iter().map(|id| (*id, Link::Follow, lanelet.centre.length()));
-            let beside = [lanelet.adjacent_left, lanelet.adjacent_right];
-            let change = beside.iter().flatten().filter(|n| n.same_direction);
+            let adjacent = [lanelet.adjacent_left, lanelet.adjacent_right];
+            let change = adjacent.iter().flatten().filter(|n| n.same_direction);
             let change = change.map(|n| (n.id, Link::Change, LANE_CHANGE_COST));
             for (id, link, cost) in follow.chain(change) {
                 let Some(&to) = nodes.get(&id) else { continue };
@@ -73,7 +73,7 @@ impl LaneGraph {
         self.nodes.contains_key(&id)
     }
 
-    /// Where a lanelet leads, in the order of the file, with cost.
+    /// The edges of a lanelet in the order of the file: target, kind, cost (m).
     pub fn links(&self, id: LaneletId) -> impl Iterator<Item = (LaneletId, Link, f64)> + '_ {
         let mut links: Vec<_> = self
             .nodes
@@ -82,12 +82,12 @@ impl LaneGraph {
             .flat_map(|node| self.graph.edges(*node))
             .map(|edge| (self.graph[edge.target()], edge.weight().0, edge.weight().1))
             .collect();
-        // petgraph lists edges newest first
+        // petgraph iterates from the newest edge
         links.reverse();
         links.into_iter()
     }
 
-    /// The cheapest way from a lanelet to any of the goals, by A*.
+    /// The cheapest path from a lanelet to any of the goals (A*). `None` if there is no path.
     #[must_use]
     pub fn shortest(&self, start: LaneletId, goals: &[LaneletId]) -> Option<LanePath> {
         let start = *self.nodes.get(&start)?;
@@ -104,7 +104,7 @@ impl LaneGraph {
         Some(LanePath { lanelets: path.into_iter().map(|n| self.graph[n]).collect(), cost })
     }
 
-    /// Cost from every lanelet that reaches a goal to the nearest goal: one backward search (Dijkstra) for all lanes.
+    /// Cost to the nearest goal, for each lanelet from which one can be reached: one backward search (Dijkstra).
     #[must_use]
     pub fn costs_to_go(&self, goals: &[LaneletId]) -> BTreeMap<LaneletId, f64> {
         let mut graph = self.graph.clone();
@@ -124,7 +124,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn links_keep_the_files_order_and_leave_out_what_is_not_there() {
+    fn edges_keep_the_order_of_the_file_and_skip_missing_lanelets() {
         let mut network = two_lane_road(3);
         let first = network.lanelets.get_mut(&100).unwrap();
         first.successors.insert(0, 999);
@@ -136,16 +136,16 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_on_the_other_lane_costs_one_change() {
+    fn a_goal_on_the_other_lane_costs_one_lane_change() {
         let graph = LaneGraph::new(&two_lane_road(4));
         let path = graph.shortest(100, &[203]).unwrap();
         assert_eq!(path.lanelets.len(), 5);
         assert!((path.cost - (3.0 * 50.0 + LANE_CHANGE_COST)).abs() < 1e-9);
-        assert!(graph.shortest(103, &[100]).is_none(), "lanes are not driven backwards");
+        assert!(graph.shortest(103, &[100]).is_none(), "no path leads backwards");
     }
 
     proptest! {
-        /// A* with its heuristic against the backward search without one, on random networks with gaps.
+        /// A* with its heuristic and the backward search without one agree on random networks with gaps.
         #[test]
         fn forward_and_backward_searches_agree(
             edges in prop::collection::vec((0..8i64, 0..8i64), 5..25), goal in 0..8i64, gap in 0.0..200.0f64

@@ -1,13 +1,13 @@
-//! Routes over lanelets: from where the vehicle is to the goal, as lane corridors for the planner to choose from.
+//! Routes over lanelets, from the vehicle to the goal, as lane corridors that the planner chooses from.
 //!
-//! The lane graph ([`LaneGraph`]) has drivable lanelets as nodes and following and lane changes as edges. A* finds the
-//! cheapest way from the lanelet the vehicle is on; one backward search gives the cost from every lanelet, so that each
-//! corridor knows how to go on at branches and how many lane changes are left. Without a goal position the corridors
-//! follow their lanes by the straightest continuation with road ahead.
+//! The lane graph ([`LaneGraph`]) has drivable lanelets as nodes and successors and lane changes as edges. A* finds the
+//! cheapest path from the vehicle's lanelet to the goal. One backward search gives the cost to go from every lanelet, so
+//! that each corridor takes the branches towards the goal and has its number of remaining lane changes. Without a goal
+//! position, a corridor follows its lane by the straightest continuation that is long enough.
 //!
-//! Weak: a lane change is priced by a constant, wherever it happens; several of them on one short lanelet look as easy
-//! as one each. Traffic and speed limits do not matter to the cost. A goal behind the vehicle on its own lanelet is not
-//! driven round to: it counts as reached lanelet, with a goal station behind the vehicle.
+//! Limits: a lane change has a constant cost, so several of them on one short lanelet cost as much as on a long one.
+//! Traffic and speed limits do not affect the cost. A goal behind the vehicle on the same lanelet counts as reached
+//! lanelet, with a goal station behind the vehicle; no route leads around to it.
 
 mod chain;
 pub mod explain;
@@ -23,14 +23,14 @@ use crate::map::{Goal, Interval, LaneletId, RoadNetwork};
 use chain::Guide;
 use goal::{GoalSpans, goal_spans};
 
-/// How far the corridors reach.
+/// Extent of the corridors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RouteSettings {
-    /// Road wanted ahead of the vehicle, m. Corridors end at the end of a lanelet, later than this if there is road.
+    /// Least length ahead of the vehicle, m, if the road is long enough. A corridor ends at the end of a lanelet.
     pub look_ahead: f64,
-    /// Road wanted behind the vehicle, m, so that rear axle and stitched plans project cleanly.
+    /// Least length behind the vehicle, m, so that the rear axle and kept plan prefixes project onto the corridor.
     pub look_behind: f64,
-    /// A start outside of all lanelets is taken to the nearest one within this distance of its bounds, m.
+    /// Largest distance of a start from the bounds of the nearest lanelet, m, if it is outside of all lanelets.
     pub snap_distance: f64,
 }
 
@@ -40,19 +40,19 @@ impl Default for RouteSettings {
     }
 }
 
-/// What planning a route came to. None of these is an error.
+/// Outcome of planning a route. None of these is an error.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RouteOutcome {
-    /// A route: to the goal, or along the lane when no goal has a position.
+    /// A route to the goal, or along the lane if no goal has a position.
     Found(Route),
-    /// The goal lies on no lanelet that can be reached. The route follows the present lane.
+    /// No lanelet of the goal can be reached. The route follows the current lane.
     Unreachable(Route),
-    /// The start is on no drivable lanelet of its direction, nor near one.
+    /// The start is neither on nor near a drivable lanelet of its direction.
     OffRoad,
 }
 
 impl RouteOutcome {
-    /// The route, when there is one to follow.
+    /// The route; `None` if there is none.
     #[must_use]
     pub fn route(&self) -> Option<&Route> {
         match self {
@@ -65,15 +65,15 @@ impl RouteOutcome {
 /// A route.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Route {
-    /// The lanelets of the cheapest way to the goal, lane changes included; the current corridor's without a goal.
+    /// The lanelets of the cheapest path to the goal, including lane changes. Without a goal, those of the current corridor.
     pub lanelets: Vec<LaneletId>,
-    /// Corridors to consider: the current lane first, then the lanes beside it, left before right.
+    /// Corridors: the current lane first, then the adjacent lanes, left before right.
     pub lanes: Vec<LaneOption>,
-    /// How far the start lies outside of its lanelet, m; 0 inside.
+    /// Distance of the start from its lanelet, m; 0 inside.
     pub start_outside: f64,
 }
 
-/// Which lane a corridor is, seen from the vehicle.
+/// Position of a corridor relative to the vehicle's lane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     /// The lane the vehicle is on.
@@ -84,33 +84,33 @@ pub enum Side {
     Right,
 }
 
-/// A lane corridor: a chain of lanelets, each following the one before. Stations run along the joined centre lines from
-/// the chain's first point, m.
+/// A lane corridor: a chain of lanelets, each a successor of the one before. Stations are arc lengths along the joined
+/// centre lines from the first point of the chain, m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LaneOption {
-    /// The chain, in driving order; starts behind the vehicle where there is road.
+    /// The chain in driving order. It starts behind the vehicle, if the road does.
     pub lanelets: Vec<LaneletId>,
-    /// Which lane it is.
+    /// Position relative to the vehicle's lane.
     pub side: Side,
-    /// Station of the start position; negative, by 30 m at most, on a lane beside that begins only ahead of the vehicle.
+    /// Station of the start position. Negative, at least -30 m, on an adjacent lane that begins ahead of the vehicle.
     pub start_station: f64,
-    /// Length of the chain.
+    /// Length of the chain, m.
     pub length: f64,
-    /// Lane changes still needed from this lane to the goal. `None` without a goal or if it cannot be reached from here.
+    /// Remaining lane changes from this lane to the goal. `None` without a goal, or if it cannot be reached.
     pub lane_changes_to_go: Option<u32>,
-    /// Up to this station the goal can still be reached from this chain: where that ends before the chain does, the lane
-    /// must be left by then. `None` where the goal can be reached from nowhere on it, or there is none.
+    /// Station up to which the goal can be reached from this chain. The vehicle must leave the lane before it if it is less
+    /// than `length`. `None` without a goal, or if it cannot be reached from anywhere on the chain.
     pub leave_by: Option<f64>,
-    /// Where the chain's centre line runs through the goal region (of the vehicle's centre), nearest one ahead.
+    /// The first section of the chain's centre line ahead that is inside a goal region (of the vehicle's centre).
     pub goal: Option<GoalSpan>,
 }
 
-/// A stretch of a chain inside a goal.
+/// A section of a chain inside a goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalSpan {
-    /// Stations of its near and far end.
+    /// Stations of its near and far end, m.
     pub stations: Interval,
-    /// Centre-line point at the near end, to project onto a smoothed line.
+    /// Centre-line point at the near end, for projection onto a smoothed line.
     pub near: Point,
     /// Centre-line point at the far end.
     pub far: Point,
@@ -122,24 +122,25 @@ struct Footing {
     id: LaneletId,
     /// Station of the vehicle on its centre line, m.
     station: f64,
-    /// Misfit: metres of detour that would be as bad.
+    /// Cost of the deviation from the lane's direction and centre line, as metres of detour.
     misfit: f64,
     /// Distance outside of the lanelet, m.
     outside: f64,
 }
 
-/// Plans a route from the vehicle's centre to the goals (alternatives). Goals without a position ask only to go on.
+/// Plans a route from the pose of the vehicle's centre to any of the goals. If no goal has a position, the route follows
+/// the lane.
 #[must_use]
 pub fn plan(network: &RoadNetwork, start: &Pose, goals: &[Goal], settings: &RouteSettings) -> RouteOutcome {
     let graph = LaneGraph::new(network);
     let footings = footings(network, start, settings.snap_distance);
-    let wanted = goals.iter().any(|g| g.position.is_some());
+    let has_position = goals.iter().any(|g| g.position.is_some());
     let spans = goal_spans(network, goals);
     let targets: Vec<LaneletId> = spans.keys().copied().collect();
     let costs = graph.costs_to_go(&targets);
     let price = |f: &Footing| {
-        let way = costs.get(&f.id).map(|cost| (cost - f.station).max(0.0));
-        f.misfit + if wanted { way.unwrap_or(UNREACHABLE_COST) } else { 0.0 }
+        let to_goal = costs.get(&f.id).map(|cost| (cost - f.station).max(0.0));
+        f.misfit + if has_position { to_goal.unwrap_or(UNREACHABLE_COST) } else { 0.0 }
     };
     let Some(footing) = footings.iter().min_by(|a, b| price(a).total_cmp(&price(b))) else {
         return RouteOutcome::OffRoad;
@@ -147,22 +148,21 @@ pub fn plan(network: &RoadNetwork, start: &Pose, goals: &[Goal], settings: &Rout
 
     let guide = Guide { network, graph: &graph, costs: &costs };
     let lanes = corridors(&guide, footing, start, &spans, settings);
-    let way = graph.shortest(footing.id, &targets);
-    let reachable = way.is_some();
-    let lanelets = way.map(|w| w.lanelets).or_else(|| lanes.first().map(|l| l.lanelets.clone())).unwrap_or_default();
+    let path = graph.shortest(footing.id, &targets);
+    let is_reachable = path.is_some();
+    let lanelets = path.map(|p| p.lanelets).or_else(|| lanes.first().map(|l| l.lanelets.clone())).unwrap_or_default();
     let route = Route { lanelets, lanes, start_outside: footing.outside };
-    if reachable || !wanted { RouteOutcome::Found(route) } else { RouteOutcome::Unreachable(route) }
+    if is_reachable || !has_position { RouteOutcome::Found(route) } else { RouteOutcome::Unreachable(route) }
 }
 
-/// More than any way through a map costs, m: a lanelet from which the goal is reached wins over one from which it is not.
+/// Cost above that of any path through a map, m, so that a lanelet from which the goal can be reached is preferred.
 const UNREACHABLE_COST: f64 = 1e6;
-/// Metres of detour as bad as a radian of heading against the lane. Where lanelets overlap in a junction, their
-/// directions tell them apart.
+/// Cost of a heading error, metres of detour per radian. It distinguishes lanelets that overlap in a junction.
 const MISFIT_PER_RADIAN: f64 = 60.0;
-/// Metres of detour as bad as a metre beside the centre line.
+/// Cost of a lateral offset, metres of detour per metre.
 const MISFIT_PER_METRE: f64 = 10.0;
 
-/// The drivable lanelets that hold the start and run its way, or else the nearest ones.
+/// The drivable lanelets of the start's direction that contain it, or else the nearest ones.
 fn footings(network: &RoadNetwork, start: &Pose, snap_distance: f64) -> Vec<Footing> {
     let footing = |lanelet: &crate::map::Lanelet| {
         let foot = lanelet.centre.project(start.position);
@@ -185,14 +185,14 @@ fn footings(network: &RoadNetwork, start: &Pose, snap_distance: f64) -> Vec<Foot
         return inside;
     }
     let nearest = all.iter().map(|f| f.outside).fold(f64::INFINITY, f64::min);
-    // lanelets that share the nearest bound are as near as each other
+    // lanelets that share the nearest bound are equally near
     all.into_iter().filter(|f| f.outside <= snap_distance && f.outside <= nearest + 1e-6).collect()
 }
 
-/// A lane beside that begins farther ahead than this is not offered yet, m.
+/// Largest distance to the beginning of an adjacent lane, m; a lane that begins farther ahead is no option yet.
 const FARTHEST_BEGINNING: f64 = 30.0;
 
-/// The current lane's corridor and those beside it.
+/// The corridor of the current lane and those of the adjacent lanes.
 fn corridors(
     guide: &Guide<'_>,
     footing: &Footing,
@@ -204,7 +204,7 @@ fn corridors(
     let current = guide.forwards(footing.id, ahead);
     let mut lanes = vec![option(guide, Side::Current, &current, footing.station, start, spans, settings)];
     for side in [Side::Left, Side::Right] {
-        // the lane beside may begin only further on
+        // an adjacent lane may begin further ahead
         let beside = current.iter().find_map(|id| {
             let lanelet = guide.network.lanelets.get(id)?;
             let neighbour = if side == Side::Left { lanelet.adjacent_left } else { lanelet.adjacent_right };
@@ -223,7 +223,7 @@ fn corridors(
     lanes
 }
 
-/// A corridor from its chain ahead: road behind added, stations and goal measured.
+/// Completes the chain ahead to a corridor: road behind, stations and goal.
 fn option(
     guide: &Guide<'_>,
     side: Side,
@@ -248,7 +248,7 @@ fn option(
     let length_of = |id: &LaneletId| centre(id).map_or(0.0, crate::geometry::polyline::Polyline::length);
     let length = lanelets.iter().map(length_of).sum();
     let before = starts.get(behind.len()).copied().unwrap_or(0.0);
-    // projected on the whole of what is near: a lane that begins further on has the vehicle on the road behind it
+    // on a lane that begins further ahead, the vehicle is on the road behind it: project onto that road, too
     let start_station = lanelets
         .iter()
         .zip(&starts)
@@ -256,7 +256,7 @@ fn option(
         .filter_map(|(id, at)| centre(id).map(|c| (at, c.project(start.position))))
         .min_by(|a, b| a.1.offset.abs().total_cmp(&b.1.offset.abs()))
         .map_or(before + station_on_first, |(at, foot)| at + foot.station);
-    // a chain that begins ahead of the vehicle: on its straight continuation backwards
+    // for a chain that begins ahead of the vehicle: the station on its straight extension backwards
     let shortfall = lanelets.first().and_then(centre).map_or(0.0, |c| {
         let begin = Pose { position: c.first(), yaw: c.yaw_at(0.0) };
         begin.to_local(start.position).x.min(0.0)
@@ -280,7 +280,8 @@ fn option(
     }
 }
 
-/// The first stretch of the chain inside a goal whose far end is not behind the start, joined over lanelet borders.
+/// The first section of the chain inside a goal whose far end is not behind the start. Sections of successive lanelets are
+/// joined.
 fn goal_on_chain(
     guide: &Guide<'_>,
     lanelets: &[LaneletId],
@@ -288,24 +289,24 @@ fn goal_on_chain(
     start_station: f64,
     spans: &BTreeMap<LaneletId, Interval>,
 ) -> Option<GoalSpan> {
-    /// Stretches closer than this are one, m: regions are tried every quarter of a metre.
-    const SAME_STRETCH: f64 = 0.6;
-    let mut found: Option<GoalSpan> = None;
+    /// Largest gap between sections that are joined, m: goal regions are sampled every 0.25 m.
+    const SAME_SECTION: f64 = 0.6;
+    let mut section: Option<GoalSpan> = None;
     for (id, start) in lanelets.iter().zip(starts) {
         let (Some(span), Some(lanelet)) = (spans.get(id), guide.network.lanelets.get(id)) else { continue };
         let stations = Interval { min: start + span.min, max: start + span.max };
         let far = lanelet.centre.at(span.max);
-        match &mut found {
-            Some(goal) if stations.min <= goal.stations.max + SAME_STRETCH => {
+        match &mut section {
+            Some(goal) if stations.min <= goal.stations.max + SAME_SECTION => {
                 goal.stations.max = stations.max;
                 goal.far = far;
             }
             Some(_) => break,
             None if stations.max < start_station => {}
-            None => found = Some(GoalSpan { stations, near: lanelet.centre.at(span.min), far }),
+            None => section = Some(GoalSpan { stations, near: lanelet.centre.at(span.min), far }),
         }
     }
-    found
+    section
 }
 
 #[cfg(test)]
@@ -331,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn goal_on_the_other_lane_asks_for_one_change_and_says_where_it_is() {
+    fn a_goal_on_the_other_lane_needs_one_lane_change() {
         let network = two_lane_road(5);
         let settings = RouteSettings { look_ahead: 150.0, ..RouteSettings::default() };
         let route = found(plan(&network, &Pose::new(60.0, 0.3, 0.0), &[goal_at(170.0, 3.5)], &settings));
@@ -345,11 +346,11 @@ mod tests {
         let goal = left.goal.unwrap();
         assert!((goal.stations.min - 165.0).abs() < 0.3 && (goal.stations.max - 175.0).abs() < 0.3, "{goal:?}");
         assert!((goal.near - Point::new(165.0, 3.5)).norm() < 0.3);
-        assert_eq!(current.leave_by, Some(200.0), "from 104 on the goal is behind");
+        assert_eq!(current.leave_by, Some(200.0), "on lanelet 104 the goal is behind");
     }
 
     #[test]
-    fn goal_over_a_lanelet_border_is_one_stretch() {
+    fn joins_a_goal_over_two_lanelets() {
         let route = found(plan(
             &two_lane_road(5),
             &Pose::new(10.0, 0.0, 0.0),
@@ -361,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn goal_given_by_lanelets_spans_them() {
+    fn a_goal_of_lanelets_spans_them() {
         let goal = goal(Some(GoalPosition::Lanelets(vec![102, 103, 777])));
         let route = found(plan(&two_lane_road(5), &Pose::new(10.0, 0.0, 0.0), &[goal], &RouteSettings::default()));
         assert_eq!(route.lanelets, [100, 101, 102]);
@@ -370,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_position_the_lane_is_followed() {
+    fn follows_the_lane_without_a_goal_position() {
         let settings = RouteSettings { look_ahead: 60.0, ..RouteSettings::default() };
         let route = found(plan(&two_lane_road(5), &Pose::new(60.0, 3.4, 0.1), &[goal(None)], &settings));
         assert_eq!(route.lanes[0].lanelets, [200, 201, 202]);
@@ -379,9 +380,9 @@ mod tests {
     }
 
     #[test]
-    fn straight_on_wins_over_turning_off_unless_it_is_a_dead_end() {
+    fn goes_straight_at_a_branch_without_a_goal() {
         let mut network = two_lane_road(3);
-        // 300 turns off to the right after 100
+        // 300 turns right after 100
         let bend = |offset: f64| {
             Polyline::new((0..=10).map(|i| {
                 let a = std::f64::consts::FRAC_PI_2 * f64::from(i) / 10.0;
@@ -396,22 +397,22 @@ mod tests {
         let start = Pose::new(10.0, 0.0, 0.0);
         let route = found(plan(&network, &start, &[], &settings));
         assert_eq!(route.lanes[0].lanelets, [100, 101, 102]);
-        // with a goal on the branch, the branch
+        // with a goal on the branch, the route takes it
         let goals = [goal(Some(GoalPosition::Lanelets(vec![300])))];
         let route = found(plan(&network, &start, &goals, &settings));
         assert_eq!(route.lanes[0].lanelets, [100, 300]);
     }
 
     #[test]
-    fn overlapping_lanelets_are_told_apart_by_heading_and_goal() {
+    fn chooses_between_overlapping_lanelets_by_heading_and_goal() {
         let mut network = two_lane_road(2);
-        // a diverging lanelet over the same ground, turned by 0.3 rad to the left
+        // a diverging lanelet over the same area, rotated by 0.3 rad to the left
         let (sin, cos) = 0.3_f64.sin_cos();
         let line = |offset: f64| {
             Polyline::new([0.0, 40.0].map(|s| Point::new(s * cos - offset * sin, s * sin + offset * cos))).unwrap()
         };
-        let across = Lanelet { centre: line(0.0), ..lanelet(400, line(-1.75), line(1.75)) };
-        network.lanelets.insert(400, across);
+        let diverging = Lanelet { centre: line(0.0), ..lanelet(400, line(-1.75), line(1.75)) };
+        network.lanelets.insert(400, diverging);
         let plan_at = |yaw: f64, goals: &[Goal]| {
             let route = found(plan(&network, &Pose::new(2.0, 0.3, yaw), goals, &RouteSettings::default()));
             route.lanelets[0]
@@ -422,14 +423,14 @@ mod tests {
     }
 
     #[test]
-    fn opposite_lanes_are_not_for_starting() {
+    fn a_start_against_the_lane_direction_is_off_road() {
         let network = two_lane_road(2);
         let settings = RouteSettings::default();
         assert_eq!(plan(&network, &Pose::new(10.0, 0.0, std::f64::consts::PI), &[], &settings), RouteOutcome::OffRoad);
     }
 
     #[test]
-    fn a_start_beside_the_road_is_taken_to_it_and_a_far_one_is_not() {
+    fn snaps_a_start_beside_the_road_but_not_a_far_one() {
         let network = two_lane_road(2);
         let settings = RouteSettings::default();
         let route = found(plan(&network, &Pose::new(10.0, -3.75, 0.0), &[], &settings));
@@ -441,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unreachable_goal_is_an_outcome_with_a_lane_to_follow() {
+    fn an_unreachable_goal_gives_the_current_lane() {
         let network = two_lane_road(3);
         let start = Pose::new(110.0, 0.0, 0.0);
         let outcome = plan(&network, &start, &[goal_at(20.0, 0.0)], &RouteSettings::default());
@@ -452,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_ends_the_chain_instead_of_the_program() {
+    fn a_chain_ends_when_a_ring_closes() {
         let mut network = two_lane_road(2);
         follow(&mut network, 101, 100);
         let route = found(plan(&network, &Pose::new(10.0, 0.0, 0.0), &[], &RouteSettings::default()));

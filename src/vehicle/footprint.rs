@@ -3,7 +3,7 @@
 //! # Technique
 //! Each part is the convex hull of its points (Andrew's monotone chain). The union of the parts is the footprint, so it
 //! need not be convex: beside a truck's narrow cab there is free space. A part inside another one is dropped, such as a
-//! cabin above a body. A part with more than [`MOST_CORNERS`] corners is simplified outwards: an edge is removed and its
+//! cabin above a body. A part with more than [`MAX_CORNERS`] corners is simplified outwards: an edge is removed and its
 //! neighbours are extended to their intersection, the edge that adds the least area first. The result contains the part.
 //!
 //! # Limits
@@ -13,11 +13,11 @@ use crate::geometry::{Point, cross};
 
 /// Most corners of a part. The cost of a collision check is proportional to it; 16 corners are within 2 % of a circle's
 /// radius.
-pub const MOST_CORNERS: usize = 16;
+pub const MAX_CORNERS: usize = 16;
 /// Most parts of a footprint.
-pub const MOST_PARTS: usize = 32;
+pub const MAX_PARTS: usize = 32;
 /// Largest distance of a corner from the rear axle, m. No road vehicle is longer; a mesh in millimetres is.
-pub const LARGEST_REACH: f64 = 50.0;
+pub const MAX_REACH: f64 = 50.0;
 /// Smallest area of a part, m²; a smaller part is a line.
 const SMALLEST_AREA: f64 = 1e-6;
 /// Distance below which corners are equal, m: far below the resolution of a collision check.
@@ -38,8 +38,8 @@ pub enum FootprintError {
     /// There is no part.
     #[error("no parts")]
     Empty,
-    /// More parts than [`MOST_PARTS`].
-    #[error("{count} parts, more than {MOST_PARTS}")]
+    /// More parts than [`MAX_PARTS`].
+    #[error("{count} parts, more than {MAX_PARTS}")]
     TooMany {
         /// Number of parts.
         count: usize,
@@ -92,7 +92,7 @@ impl Footprint {
     pub fn new(parts: Vec<Vec<Point>>) -> Result<Self, FootprintError> {
         match parts.len() {
             0 => return Err(FootprintError::Empty),
-            count if count > MOST_PARTS => return Err(FootprintError::TooMany { count }),
+            count if count > MAX_PARTS => return Err(FootprintError::TooMany { count }),
             _ => {}
         }
         let hulls: Result<Vec<_>, _> = parts.into_iter().enumerate().map(|(i, points)| part_of(i, points)).collect();
@@ -175,7 +175,7 @@ fn part_of(part: usize, points: Vec<Point>) -> Result<Vec<Point>, FootprintError
         return Err(FootprintError::NotFinite { part });
     }
     let reach = points.iter().fold(0.0, |r: f64, p| r.max(p.coords.norm()));
-    if reach > LARGEST_REACH {
+    if reach > MAX_REACH {
         return Err(FootprintError::TooFar { part, reach });
     }
     let hull = convex_hull(points);
@@ -213,14 +213,14 @@ fn area(polygon: &[Point]) -> f64 {
     polygon.windows(2).map(|w| 0.5 * cross(w[0] - first, w[1] - first)).sum()
 }
 
-/// A convex polygon that contains a convex polygon (counter-clockwise) and has at most [`MOST_CORNERS`] corners.
+/// A convex polygon that contains a convex polygon (counter-clockwise) and has at most [`MAX_CORNERS`] corners.
 fn simplified(mut polygon: Vec<Point>) -> Vec<Point> {
     /// A polygon with more corners is first replaced by tangents at this many equal angles: 0.008 % of the radius larger.
     const MANY: usize = 256;
     if polygon.len() > MANY {
         polygon = circumscribed(&polygon, MANY);
     }
-    while polygon.len() > MOST_CORNERS {
+    while polygon.len() > MAX_CORNERS {
         let n = polygon.len();
         let at = |i: usize| polygon[i % n];
         // without the edge from corner i to the next one
@@ -285,8 +285,8 @@ fn depth(polygon: &[Point], p: Point) -> f64 {
 
 /// The corners of a regular polygon around a disc, with sides parallel to the axes: as wide and as long as the disc, its
 /// corners 2 % beyond the radius (1/cos(π/16)).
-pub(super) fn around_disc(centre: Point, radius: f64) -> [Point; MOST_CORNERS] {
-    let half_step = std::f64::consts::PI / MOST_CORNERS as f64;
+pub(super) fn around_disc(centre: Point, radius: f64) -> [Point; MAX_CORNERS] {
+    let half_step = std::f64::consts::PI / MAX_CORNERS as f64;
     std::array::from_fn(|i| {
         let (sin, cos) = (half_step * (2 * i + 1) as f64).sin_cos();
         centre + crate::geometry::Vector::new(cos, sin) * (radius / half_step.cos())
@@ -345,8 +345,8 @@ mod tests {
         assert_eq!(Footprint::new(vec![]), Err(FootprintError::Empty));
         assert_eq!(Footprint::new(vec![good.clone(), line]), Err(FootprintError::Flat { part: 1 }));
         assert_eq!(Footprint::new(vec![vec![]]), Err(FootprintError::Flat { part: 0 }));
-        let many = Footprint::new(vec![good.clone(); MOST_PARTS + 1]);
-        assert_eq!(many, Err(FootprintError::TooMany { count: MOST_PARTS + 1 }));
+        let many = Footprint::new(vec![good.clone(); MAX_PARTS + 1]);
+        assert_eq!(many, Err(FootprintError::TooMany { count: MAX_PARTS + 1 }));
         let broken = vec![Point::new(f64::NAN, 0.0); 3];
         assert_eq!(Footprint::new(vec![broken]), Err(FootprintError::NotFinite { part: 0 }));
         let far = boxed((-1.0, 1.0), (49.0, 51.0));
@@ -376,7 +376,7 @@ mod tests {
                 .collect();
             let f = Footprint::new(vec![outline.clone()]).unwrap();
             let part = &f.parts()[0];
-            assert!(part.len() <= MOST_CORNERS);
+            assert!(part.len() <= MAX_CORNERS);
             assert!(outline.iter().all(|p| depth(part, *p) > -1e-9), "{n} corners: a point is outside");
             let exact = std::f64::consts::PI * 2.0 * 0.9;
             assert!(area(part) < 1.03 * exact, "{n} corners: {} m², exactly {exact} m²", area(part));
@@ -389,7 +389,7 @@ mod tests {
             prop_assume!(area(&convex_hull(p.clone())) > 1e-3);
             let f = Footprint::new(vec![p.clone()]).unwrap();
             let part = &f.parts()[0];
-            prop_assert!(part.len() >= 3 && part.len() <= MOST_CORNERS);
+            prop_assert!(part.len() >= 3 && part.len() <= MAX_CORNERS);
             prop_assert!(p.iter().all(|p| depth(part, *p) > -1e-9));
             let n = part.len();
             for i in 0..n {

@@ -9,7 +9,7 @@ mod mesh;
 mod read;
 mod urdf;
 
-pub use footprint::{Footprint, FootprintError, LARGEST_REACH, MOST_CORNERS, MOST_PARTS};
+pub use footprint::{Footprint, FootprintError, MAX_CORNERS, MAX_PARTS, MAX_REACH};
 pub use mesh::MeshError;
 pub use read::{VehicleError, builtin_names, files_of, load};
 

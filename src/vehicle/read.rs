@@ -237,10 +237,10 @@ mod tests {
         super::assemble(name, folder, urdf, toml, &|mesh| read_mesh(&Path::new("no/such/folder").join(mesh)))
     }
 
-    /// Reads the BMW with one text of one file replaced.
-    fn broken(urdf: (&str, &str), toml: (&str, &str)) -> String {
+    /// The message of reading the BMW with one text of each file replaced.
+    fn refusal(urdf: (&str, &str), toml: (&str, &str)) -> String {
         let (u, t) = bmw();
-        assert!(u.contains(urdf.0) && t.contains(toml.0), "the text to break is not there: {urdf:?} {toml:?}");
+        assert!(u.contains(urdf.0) && t.contains(toml.0), "the text to replace is missing: {urdf:?} {toml:?}");
         let (u, t) = (u.replacen(urdf.0, urdf.1, 1), t.replacen(toml.0, toml.1, 1));
         assemble("x", Path::new("x"), &u, &t).expect_err(&format!("accepted {urdf:?} {toml:?}")).to_string()
     }
@@ -334,9 +334,9 @@ mod tests {
     #[test]
     fn refuses_files_of_another_kind() {
         let same = ("", "");
-        assert!(broken(("<robot name", "<robot <name"), same).contains("not XML"));
-        assert!(broken(("<?xml version=\"1.0\"?>", "just text"), same).contains("not XML"));
-        let message = broken(("<robot ", "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\" "), same);
+        assert!(refusal(("<robot name", "<robot <name"), same).contains("not XML"));
+        assert!(refusal(("<?xml version=\"1.0\"?>", "just text"), same).contains("not XML"));
+        let message = refusal(("<robot ", "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\" "), same);
         assert!(message.contains("run xacro first"), "{message}");
         let message = assemble("x", Path::new("x"), "<commonRoad/>", bmw().1).unwrap_err().to_string();
         assert!(message.contains("<commonRoad>") && message.contains("<robot>"), "{message}");
@@ -394,10 +394,10 @@ mod tests {
             ("<child link=\"left_steering_knuckle\"/>", "<child link=\"missing\"/>", "missing"),
             ("<origin xyz=\"2.5789128 0.69342 0.344\"/>", "<origin xyz=\"-2.5789128 0.69342 0.344\"/>", "front axle"),
         ] {
-            let message = broken((old, new), same);
+            let message = refusal((old, new), same);
             assert!(message.contains(part) && message.contains("vehicle.urdf"), "{new}: {message}");
         }
-        let message = broken(("<mass value=\"965.710868256\"/>", "<mass value=\"heavy\"/>"), same);
+        let message = refusal(("<mass value=\"965.710868256\"/>", "<mass value=\"heavy\"/>"), same);
         let line = 1 + bmw().0[..bmw().0.find("<mass value").unwrap()].matches('\n').count();
         assert!(message.contains(&format!("vehicle.urdf: line {line}: link base_link")), "{message}");
     }
@@ -556,9 +556,9 @@ mod tests {
         assert!((v.length - 1.8).abs() < 1e-9 && (v.width - 1.8).abs() < 1e-9 && v.footprint.parts()[0].len() == 16);
         let v = with_geometry("<sphere radius=\"0.9\"/>", &[]).unwrap();
         assert!((v.length - 1.8).abs() < 1e-9);
-        let turned = bmw().0.replacen(BOX, "<capsule radius=\"0.5\" length=\"3\"/>", 1);
-        let turned = turned.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.5707963267948966 0\"/>", 1);
-        let v = assemble("x", Path::new("x"), &turned, bmw().1).unwrap();
+        let rotated = bmw().0.replacen(BOX, "<capsule radius=\"0.5\" length=\"3\"/>", 1);
+        let rotated = rotated.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.5707963267948966 0\"/>", 1);
+        let v = assemble("x", Path::new("x"), &rotated, bmw().1).unwrap();
         assert!((v.length - 4.0).abs() < 1e-9 && (v.width - 1.0).abs() < 1e-9, "{} {}", v.length, v.width);
         let horizontal = bmw().0.replacen(BOX, "<cylinder radius=\"0.5\" length=\"3\"/>", 1);
         let horizontal = horizontal.replacen(BOX_ORIGIN, "<origin xyz=\"1.4 0 0.7\" rpy=\"0 1.57 0\"/>", 1);
@@ -586,8 +586,8 @@ mod tests {
         let mm = b"v -2000 -800 0\nv 2000 -800 0\nv 0 800 0";
         let files: [(&str, &[u8]); 6] = [
             ("line.obj", line),
-            ("empty.obj", b"# nothing\n"),
-            ("bad.obj", b"v 1 2"),
+            ("empty.obj", b"# no vertices\n"),
+            ("short.obj", b"v 1 2"),
             ("nan.obj", b"v 1 nan 2"),
             ("cut.stl", b"not an stl"),
             ("mm.obj", mm),
@@ -611,7 +611,7 @@ mod tests {
             ("<mesh filename=\"body.dae\"/>", "mesh `body.dae`: unknown kind"),
             ("<mesh filename=\"line.obj\"/>", "collision 1: a footprint with no area"),
             ("<mesh filename=\"empty.obj\"/>", "mesh `empty.obj`: no vertices"),
-            ("<mesh filename=\"bad.obj\"/>", "mesh `bad.obj`: line 1"),
+            ("<mesh filename=\"short.obj\"/>", "mesh `short.obj`: line 1"),
             ("<mesh filename=\"nan.obj\"/>", "mesh `nan.obj`: vertex 1"),
             ("<mesh filename=\"cut.stl\"/>", "mesh `cut.stl`: neither a text STL"),
             ("<mesh filename=\"mm.obj\"/>", "in millimetres"),
@@ -683,7 +683,7 @@ mod tests {
             if part.is_empty() {
                 continue;
             }
-            let message = broken(same, (old, new));
+            let message = refusal(same, (old, new));
             assert!(message.contains(part) && message.contains("dynamics.toml"), "{new}: {message}");
         }
     }

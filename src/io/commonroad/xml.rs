@@ -113,10 +113,7 @@ impl Source {
     /// The integer in an attribute: `id` or `ref`.
     pub(super) fn id(&mut self, node: Node, name: &'static str) -> Read<i64> {
         let text = self.attribute(node, name)?;
-        text.trim().parse().map_err(|_| {
-            let expected = if name == "ref" { "an integer in ref" } else { "an integer in id" };
-            self.bad_value(node, text, expected)
-        })
+        text.trim().parse().map_err(|_| self.bad_value(node, text, "an integer id"))
     }
 
     /// A required child.

@@ -14,14 +14,14 @@ pub(super) const V: usize = 3;
 /// Index of the heading.
 pub(super) const PSI: usize = 4;
 
-/// Steps of the Runge–Kutta integration are no longer than this, s: the error is then below a micrometre.
+/// Longest step of the Runge–Kutta integration, s: the error is below a micrometre.
 const SUBSTEP: f64 = 0.02;
 
-/// Share of each limit that is used, so that rounding in the file does not cross it.
+/// Ratio of each limit that is used, so that rounding in the file does not exceed it.
 const MARGIN: f64 = 0.999;
 
-/// Share of the friction circle that steering may ask for.
-const LATERAL_SHARE: f64 = 0.95;
+/// Largest lateral acceleration as a ratio of the friction circle.
+const LATERAL_RATIO: f64 = 0.95;
 
 pub(super) struct Model {
     wheelbase: f64,
@@ -89,11 +89,11 @@ impl Model {
         z
     }
 
-    /// The inputs that turn towards a heading and reach a speed within the step, not yet clamped.
+    /// The inputs that turn towards a heading and reach a speed within the step, before limits.
     pub(super) fn towards(&self, z: &Vector5<f64>, yaw: f64, speed: f64) -> Vector2<f64> {
-        /// Slower than this, the heading says nothing of the steering, m/s.
-        const STANDING: f64 = 0.5;
-        let steering = if z[V] < STANDING {
+        /// Speed below which the heading does not determine the steering, m/s.
+        const STANDSTILL: f64 = 0.5;
+        let steering = if z[V] < STANDSTILL {
             z[DELTA]
         } else {
             (wrap_angle(yaw - z[PSI]) * self.wheelbase / (self.dt * z[V])).atan()
@@ -107,28 +107,28 @@ impl Model {
         Vector2::new(u[0].clamp(low[0], high[0]), u[1].clamp(low[1], high[1]))
     }
 
-    /// Limits of the inputs in a state: steering angle and rate; drive, top speed and standstill; friction circle.
-    /// Where the steering is too sharp for the speed, the limits ask for less.
+    /// Limits of the inputs in a state: steering angle and rate; drive, top speed and standstill; friction circle. If the
+    /// steering angle is too large for the speed, they enforce a smaller one.
     pub(super) fn bounds(&self, z: &Vector5<f64>, u: &Vector2<f64>) -> (Vector2<f64>, Vector2<f64>) {
-        // Limits that shrink with speed have to hold at the end of the step too.
+        // Limits that decrease with speed apply at the end of the step, too.
         let fastest = z[V].abs().max(z[V] + u[1].clamp(0.0, self.acceleration) * self.dt);
-        // Beyond this angle the lateral acceleration alone leaves the friction circle.
-        let sharpest = (LATERAL_SHARE * self.acceleration * self.wheelbase / fastest.powi(2)).atan().min(self.steering);
+        // Beyond this angle, the lateral acceleration alone exceeds the friction circle.
+        let sharpest = (LATERAL_RATIO * self.acceleration * self.wheelbase / fastest.powi(2)).atan().min(self.steering);
         let lowest = ((-sharpest - z[DELTA]) / self.dt).clamp(-self.steering_rate, self.steering_rate);
         let highest = ((sharpest - z[DELTA]) / self.dt).clamp(-self.steering_rate, self.steering_rate);
         let lateral = z[V] * self.yaw_rate(z);
         let circle = (self.acceleration.powi(2) - lateral.powi(2)).max(0.0).sqrt();
-        // Above the switching speed the drive's power is the limit.
+        // Above the switching speed, the power of the drive is the limit.
         let drive = self.acceleration * (self.switching_speed / fastest.max(self.switching_speed));
-        let slippery = (self.acceleration * self.wheelbase / z[DELTA].tan().abs()).sqrt();
-        let most = circle.min(drive).min(((self.speed.min(slippery) - z[V]) / self.dt).max(0.0));
+        let grip_speed = (self.acceleration * self.wheelbase / z[DELTA].tan().abs()).sqrt();
+        let most = circle.min(drive).min(((self.speed.min(grip_speed) - z[V]) / self.dt).max(0.0));
         let least = (-circle).max((-z[V] / self.dt).min(0.0));
         (Vector2::new(lowest, least), Vector2::new(highest, most))
     }
 
     /// ∂f/∂z and ∂f/∂u by central differences.
     pub(super) fn linearised(&self, z: &Vector5<f64>, u: &Vector2<f64>) -> (Matrix5<f64>, Matrix5x2<f64>) {
-        /// Of the order of the cube root of the rounding error.
+        /// Step of the difference: the order of the cube root of the rounding error.
         const H: f64 = 1e-5;
         let mut a = Matrix5::zeros();
         for i in 0..5 {

@@ -1,11 +1,11 @@
-//! The fit against logs of a car on tyres (dynamic single track with linear tyres and relaxed braking to rest).
+//! Tests of the fit on logs of a vehicle with slip (dynamic single-track model with linear tyres).
 
 use super::*;
 use crate::fixtures;
 use crate::map::{InitialState, RoadNetwork};
 use crate::simulation::Sample;
 
-/// The published BMW 320i, to all its digits: the fit is to a millimetre.
+/// The BMW 320i with all published digits, since the fit is accurate to a millimetre.
 fn bmw() -> Vehicle {
     crate::vehicle::load("bmw_320i").unwrap()
 }
@@ -20,8 +20,8 @@ fn scenario(centre: Pose, speed: f64, dt: f64) -> Scenario {
     }
 }
 
-/// Drives the car with slipping tyres: single track, cornering forces linear in the slip angles, blended into rolling
-/// without slip near standstill. 1 ms explicit Euler.
+/// Log of a single-track model with cornering forces linear in the slip angles, and without slip near standstill. Explicit
+/// Euler with 1 ms steps.
 fn driven(vehicle: &Vehicle, centre: Pose, speed: f64, seconds: f64, command: impl Fn(f64, f64) -> (f64, f64)) -> Log {
     const H: f64 = 1e-3;
     let (lr, lf) = (vehicle.rear_axle_to_mass, vehicle.wheelbase - vehicle.rear_axle_to_mass);
@@ -31,7 +31,7 @@ fn driven(vehicle: &Vehicle, centre: Pose, speed: f64, seconds: f64, command: im
     let mut log = Log::default();
     for i in 0..=(seconds / H) as usize {
         let t = i as f64 * H;
-        let (wanted, ax) = command(t, vx);
+        let (setpoint, ax) = command(t, vx);
         let rear = mass.advanced(-lr);
         if i % 10 == 0 {
             log.samples.push(Sample {
@@ -44,13 +44,13 @@ fn driven(vehicle: &Vehicle, centre: Pose, speed: f64, seconds: f64, command: im
                 lateral_acceleration: vx * r,
                 steering,
                 commanded_acceleration: ax,
-                commanded_steering: wanted,
+                commanded_steering: setpoint,
                 reference_pose: rear,
                 reference_speed: vx,
                 reference_station: 0.0,
             });
         }
-        steering += (wanted - steering).clamp(-0.39 * H, 0.39 * H);
+        steering += (setpoint - steering).clamp(-0.39 * H, 0.39 * H);
         if vx > 2.0 {
             let (af, ar) = (steering - ((vy + lf * r) / vx).atan(), -((vy - lr * r) / vx).atan());
             let (ff, fr) = (cf * af, cr * ar);
@@ -67,8 +67,8 @@ fn driven(vehicle: &Vehicle, centre: Pose, speed: f64, seconds: f64, command: im
     log
 }
 
-/// The model integrated by 2000 Euler steps, with the inputs that the states tell: steering and speed are linear.
-fn follows(vehicle: &Vehicle, a: &KinematicState, b: &KinematicState, dt: f64) {
+/// Checks a step by integrating the model in 2000 Euler steps. Steering and speed are linear between the states.
+fn assert_follows(vehicle: &Vehicle, a: &KinematicState, b: &KinematicState, dt: f64) {
     const N: usize = 2000;
     let (rate, acceleration) = ((b.steering - a.steering) / dt, (b.speed - a.speed) / dt);
     assert!(rate.abs() <= 0.4, "steering rate {rate}");
@@ -98,7 +98,7 @@ fn check(centre: Pose, speed: f64, dt: f64, steps: i64, bound: f64, command: imp
     assert_eq!((fit.states[0].centre, fit.states[0].speed), (centre, speed), "exactly the initial state");
     for w in fit.states.windows(2) {
         assert_eq!(w[1].time_step, w[0].time_step + 1);
-        follows(&vehicle, &w[0], &w[1], dt);
+        assert_follows(&vehicle, &w[0], &w[1], dt);
     }
     println!("largest deviation {:.4} m", fit.max_deviation_m);
     assert!(fit.max_deviation_m < bound, "{} m", fit.max_deviation_m);
@@ -106,21 +106,24 @@ fn check(centre: Pose, speed: f64, dt: f64, steps: i64, bound: f64, command: imp
         let sample = &log.samples[((f.time_step as f64 * dt) / 0.01).round() as usize];
         (vehicle.centre_of_rear_axle(&sample.pose).position - f.centre.position).norm()
     });
-    assert!((worst.fold(0.0, f64::max) - fit.max_deviation_m).abs() < 1e-6, "the deviation told is the true one");
+    assert!(
+        (worst.fold(0.0, f64::max) - fit.max_deviation_m).abs() < 1e-6,
+        "the reported deviation is the largest one"
+    );
 }
 
 #[test]
-fn a_slalom_at_15_mps_is_followed_within_a_few_centimetres() {
+fn follows_a_slalom_at_15_mps_within_3_cm() {
     check(Pose::new(5e5, 4e6, 2.0), 15.0, 0.1, 80, 0.03, |t, _| (0.04 * (1.5 * t).sin(), 0.0));
 }
 
 #[test]
-fn braking_in_a_bend_to_rest_and_staying_there_is_followed() {
+fn follows_braking_in_a_curve_to_standstill() {
     check(Pose::new(0.0, 0.0, -3.1), 12.0, 0.1, 60, 0.03, |t, v| (0.08 * t.min(1.0), if v > 0.0 { -4.0 } else { 0.0 }));
 }
 
 #[test]
-fn starting_from_rest_with_full_lock_is_followed() {
+fn follows_a_start_from_standstill_with_full_steering() {
     check(Pose::new(3.0, -2.0, 0.4), 0.0, 0.2, 40, 0.05, |t, v| {
         (
             1.0,
@@ -136,21 +139,21 @@ fn starting_from_rest_with_full_lock_is_followed() {
 }
 
 #[test]
-fn the_fit_starts_at_the_problem_even_when_the_log_does_not() {
+fn starts_at_the_initial_state_of_the_problem() {
     let (vehicle, s) = (bmw(), scenario(Pose::new(0.0, 0.5, 0.0), 10.0, 0.1));
     let log = driven(&vehicle, Pose::new(0.0, 0.0, 0.0), 10.0, 6.0, |_, _| (0.0, 0.0));
     let fit = fit(&s, &s.problems[0], &vehicle, &log, 60);
     assert_eq!(fit.states[0].centre.position, Point::new(0.0, 0.5));
     assert!((fit.max_deviation_m - 0.5).abs() < 1e-6);
     let last = fit.states[60].centre.position;
-    assert!((last - Point::new(60.0, 0.0)).norm() < 0.02, "it comes back to the log: {last}");
+    assert!((last - Point::new(60.0, 0.0)).norm() < 0.02, "it returns to the log: {last}");
     for w in fit.states.windows(2) {
-        follows(&vehicle, &w[0], &w[1], 0.1);
+        assert_follows(&vehicle, &w[0], &w[1], 0.1);
     }
 }
 
 #[test]
-fn a_log_no_car_can_follow_still_gives_a_feasible_trajectory() {
+fn an_infeasible_log_gives_a_feasible_trajectory() {
     let (vehicle, s) = (bmw(), scenario(Pose::new(0.0, 0.0, 0.0), 10.0, 0.1));
     let mut log = driven(&vehicle, Pose::new(0.0, 0.0, 0.0), 10.0, 3.0, |_, _| (0.0, 0.0));
     for sample in &mut log.samples {
@@ -162,35 +165,39 @@ fn a_log_no_car_can_follow_still_gives_a_feasible_trajectory() {
     let fit = fit(&s, &s.problems[0], &vehicle, &log, 30);
     assert!(fit.max_deviation_m > 10.0);
     for w in fit.states.windows(2) {
-        follows(&vehicle, &w[0], &w[1], 0.1);
+        assert_follows(&vehicle, &w[0], &w[1], 0.1);
     }
 }
 
 #[test]
-fn steering_beyond_the_friction_circle_is_not_copied() {
+fn limits_steering_beyond_the_friction_circle() {
     let (vehicle, s) = (bmw(), scenario(Pose::new(0.0, 0.0, 0.0), 35.0, 0.1));
     let log = driven(&vehicle, Pose::new(0.0, 0.0, 0.0), 35.0, 4.0, |t, _| (0.06 * (1.2 * t).sin(), 0.0));
     let fit = fit(&s, &s.problems[0], &vehicle, &log, 40);
     for w in fit.states.windows(2) {
-        follows(&vehicle, &w[0], &w[1], 0.1);
+        assert_follows(&vehicle, &w[0], &w[1], 0.1);
     }
 }
 
 #[test]
-fn an_empty_log_or_an_end_before_the_start_gives_the_initial_state_alone() {
+fn an_empty_log_or_range_gives_only_the_initial_state() {
     let (vehicle, s) = (bmw(), scenario(Pose::new(1.0, 2.0, 0.3), 10.0, 0.1));
     let empty = fit(&s, &s.problems[0], &vehicle, &Log::default(), 60);
     assert_eq!((empty.states.len(), empty.max_deviation_m), (1, 0.0));
     let log = driven(&vehicle, Pose::new(1.0, 2.0, 0.3), 10.0, 1.0, |_, _| (0.0, 0.0));
     assert_eq!(fit(&s, &s.problems[0], &vehicle, &log, -5).states.len(), 1);
-    assert_eq!(fit(&s, &s.problems[0], &vehicle, &log, 30).states.len(), 31, "the log's end goes on");
-    let mut broken = log;
-    broken.samples[50].pose.yaw = f64::NAN;
-    assert!(fit(&s, &s.problems[0], &vehicle, &broken, 10).states.iter().all(|s| s.centre.position.x.is_finite()));
+    assert_eq!(
+        fit(&s, &s.problems[0], &vehicle, &log, 30).states.len(),
+        31,
+        "the last sample is the reference after the end of the log"
+    );
+    let mut invalid = log;
+    invalid.samples[50].pose.yaw = f64::NAN;
+    assert!(fit(&s, &s.problems[0], &vehicle, &invalid, 10).states.iter().all(|s| s.centre.position.x.is_finite()));
 }
 
 #[test]
-fn the_file_names_model_vehicle_scenario_and_problem() {
+fn the_file_has_the_ids_of_model_vehicle_scenario_and_problem() {
     let (mut vehicle, mut s) = (bmw(), scenario(Pose::new(1e6, 2.0, 7.0), 10.0, 0.1));
     s.id = "A&B\"<".into();
     let fit = KinematicFit {

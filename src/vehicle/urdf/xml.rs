@@ -89,7 +89,7 @@ pub(super) fn check(file: &Path, text: &str) -> Result<Vec<String>, VehicleError
 /// Checks the attributes and children of an element of a link or joint.
 fn check_element(file: &Path, document: &Document<'_>, node: Node<'_, '_>) -> Result<(), VehicleError> {
     let tag = node.tag_name().name();
-    let wrong = |found: String, expected: &'static str| {
+    let error = |found: String, expected: &'static str| {
         let (line, element) = (document.text_pos_at(node.range().start).row, path_of(node));
         Err(VehicleError::Element {
             file: file.to_owned(),
@@ -101,29 +101,29 @@ fn check_element(file: &Path, document: &Document<'_>, node: Node<'_, '_>) -> Re
     for (_, attribute, count, is_required) in NUMBERS.iter().filter(|(element, ..)| *element == tag) {
         let expected = if *count == 1 { "a number" } else { "three numbers" };
         match node.attribute(*attribute) {
-            None if *is_required => return wrong(format!("no {attribute}"), expected),
+            None if *is_required => return error(format!("no {attribute}"), expected),
             None => {}
             Some(text) => {
                 let words: Vec<&str> = text.split_whitespace().collect();
                 if words.len() != *count || words.iter().any(|word| word.parse::<f64>().is_err()) {
-                    return wrong(format!("{attribute}=\"{text}\""), expected);
+                    return error(format!("{attribute}=\"{text}\""), expected);
                 }
             }
         }
     }
     for (_, attribute) in NAMES.iter().filter(|(element, _)| *element == tag) {
         if node.attribute(*attribute).is_none() {
-            return wrong(format!("no {attribute}"), "this attribute");
+            return error(format!("no {attribute}"), "this attribute");
         }
     }
     for (_, part) in PARTS.iter().filter(|(outer, _)| *outer == tag) {
         if !node.children().any(|child| child.has_tag_name(*part)) {
-            return wrong(format!("no <{part}>"), "this child");
+            return error(format!("no <{part}>"), "this child");
         }
     }
     match node.attribute("type").filter(|kind| tag == "joint" && !JOINTS.contains(kind)) {
         Some(kind) => {
-            wrong(format!("type=\"{kind}\""), "revolute, continuous, prismatic, fixed, floating, planar or spherical")
+            error(format!("type=\"{kind}\""), "revolute, continuous, prismatic, fixed, floating, planar or spherical")
         }
         None => Ok(()),
     }
