@@ -182,8 +182,8 @@ fn duplicate(source: &mut Source, node: Node, lines: &mut BTreeMap<i64, u32>) ->
     }
 }
 
-/// Adds an issue for each id that elements of different kinds have, such as a lanelet and an obstacle: it is valid for
-/// this program, but other readers of the format need an id for each element.
+/// Adds an issue for each id that map elements or obstacles of different kinds share, such as a lanelet and an obstacle. It is
+/// valid for this program, but other readers of the format require unique ids. Planning problems are counted separately.
 fn note_ids_of_several_kinds(source: &mut Source, root: Node) {
     let kind_of = |node: Node| match node.tag_name().name() {
         name if obstacle::ELEMENTS.contains(&name) => Some("obstacle"),
@@ -191,7 +191,6 @@ fn note_ids_of_several_kinds(source: &mut Source, root: Node) {
         "trafficSign" => Some("traffic sign"),
         "trafficLight" => Some("traffic light"),
         "intersection" => Some("intersection"),
-        "planningProblem" => Some("planning problem"),
         _ => None,
     };
     let mut seen: BTreeMap<i64, (&str, u32)> = BTreeMap::new();
