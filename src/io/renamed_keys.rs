@@ -6,6 +6,11 @@ use toml::de::{DeTable, DeValue};
 
 /// Old and new dotted keys below the root of the settings. A row for a table applies to all keys in it.
 const RENAMED: &[(&str, &str)] = &[
+    ("planner.emergency_speed", "planner.emergency_speed_factor"),
+    ("planner.lattice.longest_edge", "planner.lattice.max_edge_length"),
+    ("planner.lattice.most_turn", "planner.lattice.max_turn"),
+    ("planner.lattice.shortest_edge", "planner.lattice.min_edge_length"),
+    ("planner.lattice.steepest", "planner.lattice.max_slope"),
     ("planner.lattice.weights.bending", "planner.lattice.weights.curvature"),
     ("planner.lattice.weights.clearance_wanted", "planner.lattice.weights.desired_clearance"),
     ("planner.lattice.weights.delay", "planner.lattice.weights.travel_time"),
@@ -13,6 +18,9 @@ const RENAMED: &[(&str, &str)] = &[
     ("planner.lattice.weights.missing", "planner.lattice.weights.progress_shortfall"),
     ("planner.lattice.weights.slowing", "planner.lattice.weights.curve_slowdown"),
     ("planner.lattice.weights.switching", "planner.lattice.weights.plan_change"),
+    ("planner.longest_horizon", "planner.max_horizon"),
+    ("planner.refinement.least_gain", "planner.refinement.min_gain"),
+    ("planner.shortest_horizon", "planner.min_horizon"),
     ("planner.uncertainty.across", "planner.uncertainty.lateral"),
     ("planner.uncertainty.along", "planner.uncertainty.longitudinal"),
     ("planner.uncertainty.most_across", "planner.uncertainty.max_lateral_deviation"),
