@@ -38,7 +38,7 @@ fn by_role(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
         "dynamic" => Ok(true),
         other => Err(source.bad_value(role, other, "static or dynamic")),
     });
-    // examined for errors also where the role is one
+    // with an invalid role, the element is still examined for other errors
     let obstacle = if matches!(role, Ok(false)) { fixed(source, node) } else { moving(source, node, time_step) };
     role?;
     obstacle
