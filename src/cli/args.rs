@@ -16,8 +16,16 @@ const EXIT_CODES: &str = "Exit codes:
   1  the run ended and a check failed, or no safe plan exists
   2  wrong use of the command line
   3  an input is unreadable or invalid, or an output cannot be written
+  4  a fault of the program itself";
+
+/// The exit codes of `check`.
+const CHECK_EXIT_CODES: &str = "Exit codes:
+  0  every drive met its expectations
+  1  a drive did not meet its expectations, or passed although a failure was expected
+  2  wrong use of the command line
+  3  an input is unreadable or invalid, or an output cannot be written
   4  a fault of the program itself
-  130  `check` was interrupted by Ctrl-C";
+  130  interrupted by Ctrl-C";
 
 /// Problems of a comparison.
 const DEFAULT_PROBLEMS: u32 = 2000;
@@ -45,7 +53,7 @@ pub(super) enum Command {
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Drive(DriveArgs),
     /// Run regression suites and write reports that CI systems read.
-    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    #[command(after_help = CHECK_EXIT_CODES, after_long_help = CHECK_EXIT_CODES)]
     Check(CheckArgs),
     /// Compare methods on problems generated from a seed.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]

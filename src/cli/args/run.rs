@@ -39,12 +39,12 @@ pub(in crate::cli) struct DriveArgs {
     /// Inject a fault that the planner does not know; repeatable
     ///
     /// delay=S: dead time of the actuators. friction=FACTOR: factor on the friction of the road. mass=FACTOR: factor on the
-    /// vehicle's mass. noise=M: standard deviation of the localisation. missed_cycles=N: planning cycles skipped after each
-    /// one. A fault given twice has its last value.
+    /// vehicle's mass. noise=M: standard deviation of the localisation error, m. missed_cycles=N: planning cycles skipped after each
+    /// one. If a fault is given twice, the last value applies.
     #[arg(long, value_name = "NAME=VALUE", value_parser = fault, help_heading = "Simulation")]
     pub(in crate::cli) inject: Vec<String>,
 
-    /// Random seed of the injected noise, kept in the result
+    /// Random seed of the injected noise, stored in the result
     #[arg(long, value_name = "N", help_heading = "Simulation")]
     pub(in crate::cli) seed: Option<u64>,
 
@@ -62,7 +62,7 @@ pub(in crate::cli) struct DriveArgs {
     #[command(flatten)]
     pub(in crate::cli) outputs: OutputArgs,
 
-    /// Add every planning cycle to the JSON, with its candidates, cost terms and rejections; the file becomes large
+    /// Add every planning cycle to the JSON (requires --json), with its candidates, cost terms and rejections; the file becomes large
     #[arg(long, requires = "json", help_heading = "Outputs")]
     pub(in crate::cli) json_cycles: bool,
 }
