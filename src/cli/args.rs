@@ -163,6 +163,49 @@ pub(super) enum Comparison {
     /// Repeat the experiment of the SafeTLP paper: four speed planners on 104 instances. Takes minutes.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Safetlp(SafeTlpArgs),
+    /// Whether proven stops hold: branches over random scenes, vehicles and road surfaces. Takes minutes.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Fallbacks(FallbackArgs),
+}
+
+/// Arguments of `bench fallbacks`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct FallbackArgs {
+    /// Seed of the scenes.
+    #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED)]
+    pub(super) seed: u64,
+
+    /// Scenes for each pair of vehicle and road surface (dry, wet, ice).
+    #[arg(long, value_name = "N", default_value_t = 90, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub(super) scenes: u64,
+
+    /// Number of the first scene.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(super) first: u64,
+
+    /// One vehicle only: the name of a built-in one, or a folder.
+    #[arg(long, value_name = "NAME|FOLDER")]
+    pub(super) vehicle: Option<String>,
+
+    /// Time between two branches of an unchanged plan, s.
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds)]
+    pub(super) interval: f64,
+
+    /// A fault unknown to the planner; repeatable: delay=S, friction=FACTOR, mass=FACTOR, noise=M, missed_cycles=N.
+    #[arg(long, value_name = "NAME=VALUE", value_parser = fault)]
+    pub(super) inject: Vec<String>,
+
+    /// The result as JSON; `-` prints it on stdout, and nothing else.
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    pub(super) json: Option<PathBuf>,
+
+    /// One row for each scene.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    pub(super) csv: Option<PathBuf>,
+
+    /// No report and no progress bar; errors only.
+    #[arg(long)]
+    pub(super) quiet: bool,
 }
 
 /// Arguments of `bench safetlp`.

@@ -87,6 +87,32 @@ impl Fallback {
     pub fn passes(&self) -> bool {
         self.worst.passes
     }
+
+    /// How it broke its proof, as a stable code; `None` if it did not.
+    #[must_use]
+    pub fn failure(&self) -> Option<&'static str> {
+        (!self.worst.holds).then(|| match self.worst.kind {
+            Kind::Numbers => "numbers",
+            Kind::Contact => "contact",
+            Kind::Rest => "standstill",
+            Kind::Stop => "stop",
+            Kind::Road => "road",
+            Kind::Braking => "braking",
+            Kind::Start => "start",
+        })
+    }
+
+    /// The event nearest to its limit, or farthest beyond it, in words.
+    #[must_use]
+    pub fn event(&self) -> &str {
+        &self.worst.what
+    }
+
+    /// Whether its event is graver than that of another fallback.
+    #[must_use]
+    pub fn is_graver_than(&self, other: &Self) -> bool {
+        self.worst.compared(&other.worst).is_gt()
+    }
 }
 
 /// Kinds of events in a fallback, gravest first.

@@ -1,5 +1,6 @@
 //! `stopline bench`: arguments and outputs of the comparisons in [`crate::bench`].
 
+mod fallbacks;
 mod safetlp;
 mod spirals;
 
@@ -13,6 +14,7 @@ use crate::verdict::Status;
 /// Runs a comparison.
 pub(super) fn run(comparison: Comparison) -> Result<Exit, Failure> {
     match comparison {
+        Comparison::Fallbacks(args) => fallbacks::run(args),
         Comparison::Safetlp(args) => safetlp::run(args),
         Comparison::Spirals(args) => spirals::run(args),
     }
