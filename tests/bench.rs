@@ -43,6 +43,33 @@ fn writes_the_papers_experiment_in_every_format_with_equal_hashes() {
     assert_eq!(again["hash"], value["hash"]);
 }
 
+/// A wall before one vehicle on three surfaces. Whether the proofs hold is the subject of the benchmark, not of this test.
+#[test]
+fn fallbacks_are_reported_in_every_format_with_equal_hashes() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = |more: &[&str]| {
+        run(folder.path(), &[&["bench", "fallbacks", "--scenes", "1", "--vehicle", "bmw_320i"][..], more].concat())
+    };
+    let printed = with(&["--csv", "a.csv", "--json", "a.json"]);
+    assert!([Some(0), Some(1)].contains(&printed.status.code()), "{}", text(&printed.stderr));
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let value: Value = serde_json::from_str(&read("a.json")).unwrap();
+    let scenes = value["scenes"].as_array().unwrap();
+    let surfaces: Vec<&str> = scenes.iter().map(|s| s["surface"].as_str().unwrap()).collect();
+    assert_eq!(surfaces, ["dry", "wet", "ice"]);
+    assert!(scenes.iter().all(|s| s["kind"] == "wall" && s["cycles"].as_u64() > Some(0)), "{value:#}");
+    let broken: u64 =
+        scenes.iter().flat_map(|s| s["broken"].as_object().unwrap().values()).filter_map(Value::as_u64).sum();
+    assert_eq!(printed.status.code() == Some(0), value["verdict"] == "pass");
+    assert!(broken == 0 || scenes.iter().any(|s| s["worst"].is_string()), "{value:#}");
+    assert_eq!(read("a.csv").lines().count(), 1 + 3);
+    assert!(text(&printed.stdout).contains("broken_proofs"));
+    let again: Value = serde_json::from_slice(&with(&["--json", "-", "--quiet"]).stdout).unwrap();
+    assert_eq!(again["hash"], value["hash"]);
+    // a fault that does not exist is refused before anything is measured
+    assert_eq!(with(&["--inject", "wind=3"]).status.code(), Some(2));
+}
+
 #[test]
 fn reports_exhausted_budgets_with_exit_1() {
     let folder = tempfile::tempdir().unwrap();

@@ -192,7 +192,7 @@ pub(super) struct FallbackArgs {
     pub(super) interval: f64,
 
     /// A fault unknown to the planner; repeatable: delay=S, friction=FACTOR, mass=FACTOR, noise=M, missed_cycles=N.
-    #[arg(long, value_name = "NAME=VALUE", value_parser = fault)]
+    #[arg(long, value_name = "NAME=VALUE", value_parser = run::fault)]
     pub(super) inject: Vec<String>,
 
     /// The result as JSON; `-` prints it on stdout, and nothing else.

@@ -91,10 +91,10 @@ impl Fallback {
     /// How it broke its proof, as a stable code; `None` if it did not.
     #[must_use]
     pub fn failure(&self) -> Option<&'static str> {
-        (!self.worst.holds).then(|| match self.worst.kind {
+        (!self.worst.passes).then(|| match self.worst.kind {
             Kind::Numbers => "numbers",
             Kind::Contact => "contact",
-            Kind::Rest => "standstill",
+            Kind::Standstill => "standstill",
             Kind::Stop => "stop",
             Kind::Road => "road",
             Kind::Braking => "braking",

@@ -168,7 +168,7 @@ fn fallback_interval(text: &str) -> Result<FallbackInterval, String> {
 }
 
 /// Checks a fault without injecting it.
-fn fault(text: &str) -> Result<String, String> {
+pub(super) fn fault(text: &str) -> Result<String, String> {
     let known = text.split_once('=').map(|(name, _)| name.trim()).unwrap_or(text);
     Faults::default().inject(text).map(|()| text.to_owned()).map_err(|e| suggest(e, known, &Faults::NAMES))
 }

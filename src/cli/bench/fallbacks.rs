@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
-use super::{check_json, check_table, held};
+use super::{all_pass, check_json, check_table};
 use crate::bench::fallbacks::{FallbackBench, GRAVE, Options, SURFACES, SceneResult, run as measure};
 use crate::cli::args::FallbackArgs;
 use crate::cli::job::Outputs;
@@ -51,7 +51,7 @@ pub(super) fn run(args: FallbackArgs) -> Result<Exit, Failure> {
     } else if !args.quiet {
         print(&text(&measured))?;
     }
-    Ok(if held(&measured.checks()) { Exit::Pass } else { Exit::CheckFailed })
+    Ok(if all_pass(&measured.checks()) { Exit::Pass } else { Exit::CheckFailed })
 }
 
 /// Counts over some scenes.
@@ -134,7 +134,7 @@ fn to_json(bench: &FallbackBench, options: &Options) -> Value {
     put("interval_s", json!(options.interval));
     put("injected_faults", serde_json::to_value(options.faults).unwrap_or_default());
     put("branches", json!(bench.branches()));
-    put("verdict", json!(if held(&checks) { "pass" } else { "fail" }));
+    put("verdict", json!(if all_pass(&checks) { "pass" } else { "fail" }));
     put("checks", checks.iter().map(check_json).collect());
     put("scenes", bench.scenes.iter().map(scene).collect());
     let hash = result::hash(&Value::Object(value.clone()), &[]);
