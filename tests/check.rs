@@ -63,6 +63,15 @@ fn says(output: &Output, code: i32, words: &[&str]) {
 
 /// The bundled suite passes, including its baseline.
 #[test]
+fn a_file_of_another_kind_is_named_with_its_reader() {
+    let place = Place::new("");
+    std::fs::write(place.path("map.osm"), "<osm/>").unwrap();
+    says(&place.run(&["check", "a.xml"]), 3, &["a.xml: this is a CommonRoad scenario", "`stopline drive`"]);
+    says(&place.run(&["check", "suite.toml", "--html", "page.png"]), 2, &["--html writes HTML", "page.html"]);
+    says(&place.run(&["check", "map.osm"]), 3, &["map.osm: this is a Lanelet2", "expected a regression suite"]);
+}
+
+#[test]
 fn the_bundled_suite_passes() -> Result<(), Box<dyn std::error::Error>> {
     let suite = Suite::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("maps"))?;
     let summary = suite.run(&Options::default())?;

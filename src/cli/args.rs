@@ -123,23 +123,23 @@ pub(super) struct CheckArgs {
     pub(super) save_config: Option<PathBuf>,
 
     /// Draw the drive as an SVG picture.
-    #[arg(long, value_name = "PATH", requires = "replay", help_heading = "Replay")]
+    #[arg(long, value_name = "PATH", requires = "replay", help_heading = "Replay", value_parser = run::output("--svg", "SVG", &["svg"]))]
     pub(super) svg: Option<PathBuf>,
 
     /// Write the complete report as JSON; `-` prints it to stdout, and nothing else.
-    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs", value_parser = run::output("--json", "JSON", &["json"]))]
     pub(super) json: Option<PathBuf>,
 
     /// Write the report as JUnit XML.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--junit", "JUnit XML", &["xml"]))]
     pub(super) junit: Option<PathBuf>,
 
     /// Write a summary as Markdown.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--markdown", "Markdown", &["md"]))]
     pub(super) markdown: Option<PathBuf>,
 
     /// Write a page with pictures of failed drives.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--html", "HTML", &["html", "htm"]))]
     pub(super) html: Option<PathBuf>,
 
     /// Print only failed drives, one line each, and errors.
@@ -196,11 +196,11 @@ pub(super) struct FallbackArgs {
     pub(super) inject: Vec<String>,
 
     /// The result as JSON; `-` prints it on stdout, and nothing else.
-    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs", value_parser = run::output("--json", "JSON", &["json"]))]
     pub(super) json: Option<PathBuf>,
 
     /// One row for each scene.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--csv", "CSV", &["csv"]))]
     pub(super) csv: Option<PathBuf>,
 
     /// No report and no progress bar; errors only.
@@ -236,15 +236,15 @@ pub(super) struct SafeTlpArgs {
     pub(super) time_limit: f64,
 
     /// The result as JSON. `-` prints it on stdout and suppresses the report.
-    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs", value_parser = run::output("--json", "JSON", &["json"]))]
     pub(super) json: Option<PathBuf>,
 
     /// The measurement of each method on each instance, as CSV.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--csv", "CSV", &["csv"]))]
     pub(super) csv: Option<PathBuf>,
 
     /// The paper's three figures as an SVG picture.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--svg", "SVG", &["svg"]))]
     pub(super) svg: Option<PathBuf>,
 
     /// Print errors only: no report and no progress bar.
@@ -265,15 +265,15 @@ pub(super) struct SpiralArgs {
     pub(super) problems: u32,
 
     /// The result as JSON. `-` prints it on stdout and suppresses the report.
-    #[arg(long, value_name = "PATH|-", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs", value_parser = run::output("--json", "JSON", &["json"]))]
     pub(super) json: Option<PathBuf>,
 
     /// The evaluation of each method on each problem, as CSV.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--csv", "CSV", &["csv"]))]
     pub(super) csv: Option<PathBuf>,
 
     /// The distributions of curvature and bending energy as an SVG picture.
-    #[arg(long, value_name = "PATH", help_heading = "Outputs")]
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--svg", "SVG", &["svg"]))]
     pub(super) svg: Option<PathBuf>,
 
     /// Print errors only: no report and no progress bar.

@@ -15,6 +15,7 @@ use super::args::CheckArgs;
 use super::job::check_files;
 use super::{Exit, Failure, engine, print, progress, report, say};
 use crate::io::files;
+use crate::io::kind::FileKind;
 use crate::plot::run_svg;
 use crate::regression::report::{html, json, junit, markdown};
 use crate::regression::{
@@ -39,7 +40,7 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, Failure> {
     if args.bless {
         return Err(Failure::Use("--bless is now --update-baseline".into()));
     }
-    let suites = args.suites.iter().map(Suite::load).collect::<Result<Vec<_>, _>>()?;
+    let suites = args.suites.iter().map(load).collect::<Result<Vec<_>, _>>()?;
     let mut inputs: Vec<PathBuf> = suites.iter().flat_map(Suite::inputs).collect();
     inputs.extend(args.resume.iter().chain(&args.report).cloned());
     check_outputs(args, inputs)?;
@@ -48,6 +49,17 @@ pub(super) fn run(args: &CheckArgs) -> Result<Exit, Failure> {
         Some(id) => replay(args, &suites, id),
         None => check(args, &suites),
     }
+}
+
+/// Reads a suite. A file of another kind is named, with the flag or command that reads it.
+fn load(path: &PathBuf) -> Result<Suite, Failure> {
+    Suite::load(path).map_err(|error| match FileKind::of(path) {
+        None | Some(FileKind::Suite | FileKind::SuiteFolder) => error.into(),
+        Some(kind) => {
+            let file = path.display();
+            Failure::File(format!("{file}: this is {kind}, expected a regression suite in TOML; {}", kind.reader()))
+        }
+    })
 }
 
 /// Whether the JSON report goes to stdout.

@@ -1,7 +1,6 @@
 //! A job: arguments resolved, inputs read and checked, outputs known to be writable. Once a job exists, only a fault of the
 //! program can stop it.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::args::{DriveArgs, FallbackInterval, Friction, InputArgs, OutputArgs, PlanArgs};
@@ -191,22 +190,10 @@ fn scenario(file: &Path) -> Result<Scenario, Failure> {
     commonroad::read_file(file).map_err(|e| Input::Scenario.failure(file, &e))
 }
 
-/// Reads a scenario from standard input. The name stands for it in messages.
+/// Reads a scenario from standard input, in any form in which a file may be. The name stands for it in messages.
 fn stdin() -> Result<(Scenario, PathBuf), Failure> {
-    /// Largest scenario, bytes: as that of a file.
-    const MAX_BYTES: u64 = 256 << 20;
     const NAME: &str = "<stdin>";
-    let mut bytes = Vec::new();
-    let read = std::io::stdin().lock().take(MAX_BYTES + 1).read_to_end(&mut bytes);
-    read.map_err(|e| Failure::File(format!("{NAME}: cannot be read: {e}")))?;
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(Failure::File(format!("{NAME}: larger than {MAX_BYTES} bytes, expected a scenario")));
-    }
-    let text = std::str::from_utf8(&bytes).map_err(|e| Failure::File(format!("{NAME}: not UTF-8 text: {e}")))?;
-    let scenario = commonroad::read_str(NAME, text).map_err(|e| match FileKind::of_bytes(Path::new(NAME), &bytes) {
-        Some(kind) => Input::Scenario.failure_of_kind(kind, Path::new(NAME), &e),
-        None => Failure::file(e),
-    })?;
+    let scenario = commonroad::read_from(NAME, std::io::stdin().lock()).map_err(Failure::file)?;
     Ok((scenario, NAME.into()))
 }
 

@@ -162,7 +162,6 @@ impl Settings {
     fn plausible(&self) -> Result<(), SettingsError> {
         let (p, l) = (&self.planner, &self.planner.lattice);
         let mut bounded = vec![
-            ("run.longest".to_owned(), self.run.longest, 86_400.0, "s"),
             ("run.standstill_time".to_owned(), self.run.standstill_time, 3_600.0, "s"),
             ("planner.standoff".to_owned(), p.standoff, 100.0, "m"),
             ("planner.time_gap".to_owned(), p.time_gap, 60.0, "s"),

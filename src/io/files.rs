@@ -164,7 +164,8 @@ fn temporary_beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
         use std::os::unix::fs::PermissionsExt as _;
         builder.permissions(std::fs::Permissions::from_mode(0o666)); // the umask applies
     }
-    builder.tempfile_in(folder)
+    // the library's message names the temporary file, which nobody typed
+    builder.tempfile_in(folder).map_err(|e| e.kind().into())
 }
 
 #[cfg(test)]

@@ -553,7 +553,7 @@ mod tests {
         let goal = note(|s| s.goal().yaw = Some(Interval { min: 3.0, max: 3.1 }));
         assert!(goal.starts_with("missed the goal: at best 1 condition unmet (heading) at "), "{goal}");
         let unproven = note(|s| s.cycles[70].decision = Decision::Unproven);
-        assert_eq!(unproven, "1 of 150 cycles committed to no proven stop, the first at 7.00 s; limit 0");
+        assert_eq!(unproven, "1 of 150 cycles committed to no proven stop, the first at 7.00 s");
         let aside = note(|s| {
             for m in &mut s.log.samples {
                 m.reference_pose.position += m.pose.left() * bump(m.time, 6.0, 1.0, 0.3);

@@ -137,7 +137,7 @@ pub(super) fn stop_proven(cycles: &[Cycle]) -> Check {
         note: match first {
             _ if all == 0 => "no planning cycle ran".into(),
             Some(time) => {
-                format!("{bad} of {all} cycles committed to no proven stop, the first at {time:.2} s; limit 0")
+                format!("{bad} of {all} cycles committed to no proven stop, the first at {time:.2} s")
             }
             None => format!("all {all} cycles committed to a proven stop; {kept} kept the previous plan"),
         },

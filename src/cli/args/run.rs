@@ -130,7 +130,7 @@ const KNOWN_FORMATS: [&str; 25] = [
 ];
 
 /// Parser of an output's path. It refuses an extension that names another format than the one written.
-fn output(
+pub(super) fn output(
     flag: &'static str,
     format: &'static str,
     own: &'static [&'static str],
