@@ -182,15 +182,15 @@ fn duplicate(source: &mut Source, node: Node, lines: &mut BTreeMap<i64, u32>) ->
     }
 }
 
-/// Adds an issue for each id that map elements or obstacles of different kinds share, such as a lanelet and an obstacle. It is
-/// valid for this program, but other readers of the format require unique ids. Planning problems are counted separately.
+/// Adds an issue for each id that elements of different kinds have, such as a lanelet and an obstacle. This program keeps
+/// the kinds apart, but the format requires an id for each element. Planning problems are exempt: many published files
+/// number them from 1, like their lanelets.
 fn note_ids_of_several_kinds(source: &mut Source, root: Node) {
     let kind_of = |node: Node| match node.tag_name().name() {
         name if obstacle::ELEMENTS.contains(&name) => Some("obstacle"),
         "lanelet" => Some("lanelet"),
         "trafficSign" => Some("traffic sign"),
         "trafficLight" => Some("traffic light"),
-        "intersection" => Some("intersection"),
         _ => None,
     };
     let mut seen: BTreeMap<i64, (&str, u32)> = BTreeMap::new();
