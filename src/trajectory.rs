@@ -1,7 +1,7 @@
 //! Paths, speed profiles and their composition.
 //!
 //! A [`Trajectory`] composes a [`Path`] (pose over station) with a [`SpeedProfile`] (station over time):
-//! `q(t) = path(profile(t))`, like Drake's `PathParameterizedTrajectory`. It stores no samples of its own.
+//! `q(t) = path(profile(t))`, like Drake's `PathParameterizedTrajectory`. It stores no samples.
 //!
 //! Poses are those of the rear-axle centre in the map frame. Stations are arc lengths along the path, m.
 

@@ -73,7 +73,7 @@ mod sigma {
 /// Most iterations; runs of 20 s take about ten.
 const MAX_ITERATIONS: usize = 60;
 
-/// First and largest damping: additional weight of the inputs, as a multiple of their own, if no step reduces the cost.
+/// First and largest damping: additional weight of the inputs, as a multiple of the given one, if no step reduces the cost.
 const DAMPING: std::ops::Range<f64> = 1.0..1e9;
 
 /// Relative reduction of the cost below which the iteration ends.
