@@ -40,6 +40,7 @@ pub mod geometry;
 pub mod io;
 pub mod lattice;
 pub mod map;
+mod number;
 pub mod planner;
 pub mod plot;
 #[cfg(feature = "rerun")]

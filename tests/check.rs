@@ -131,6 +131,7 @@ fn exit_2_for_wrong_use() {
     says(&place.check(&["--jobs", "0"]), 2, &["--jobs"]);
     says(&place.check(&["--replay", "a.xml@bmw_320"]), 2, &["--replay", "no drive", "did you mean `a.xml@bmw_320i`?"]);
     says(&place.check(&["--replay", "a.xml"]), 2, &["--replay", "did you mean `a.xml@bmw_320i`?"]);
+    says(&place.check(&["--replay", "aa"]), 2, &["--replay", "did you mean `a.xml@bmw_320i`?"]);
     says(&place.check(&["--replay", "x", "--update-baseline"]), 2, &["--update-baseline"]);
     says(&place.check(&["--bless"]), 2, &["--bless is now --update-baseline"]);
     says(&place.check(&["--report", "x"]), 2, &["--replay"]);

@@ -3,10 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Failure;
 use super::args::{DriveArgs, FallbackInterval, Friction, InputArgs, OutputArgs, PlanArgs};
 use super::engine::Settings;
-use super::{Failure, number};
-use crate::drive::SettingsError;
 use crate::io::kind::FileKind;
 use crate::io::settings_file::nearest;
 use crate::io::{commonroad, files, ros_map, settings_file};
@@ -94,7 +93,7 @@ impl Job {
         let mut settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
         change(&mut settings)?;
         // each flag was in its range, so this cannot fail but for settings that exclude each other
-        settings.validate().map_err(|e| Failure::Use(setting(&e)))?;
+        settings.validate().map_err(|e| Failure::Use(e.to_string()))?;
         let vehicle = vehicle::load(&args.vehicle).map_err(|e| wrong_vehicle(&args.vehicle, &e))?;
         if outputs.solution.is_some() && vehicle.commonroad_type.is_none() {
             let reason = format!("--solution needs a vehicle with a CommonRoad type; {} has none", vehicle.name);
@@ -231,14 +230,8 @@ fn wrong_vehicle(typed: &str, error: &VehicleError) -> Failure {
 /// Reads settings from TOML and checks their ranges.
 fn settings(file: &Path) -> Result<Settings, Failure> {
     let settings: Settings = read_toml(Input::Config, file)?;
-    let wrong = |e| Failure::File(format!("--config {}: {}", file.display(), setting(&e)));
+    let wrong = |e| Failure::File(format!("--config {}: {}", file.display(), e));
     settings.validate().map(|()| settings).map_err(wrong)
-}
-
-/// A setting out of its range, as one line.
-fn setting(error: &SettingsError) -> String {
-    let SettingsError { field, value, expected } = error;
-    format!("setting `{field}` is {}, it must be {expected}", number::exact(*value))
 }
 
 fn read_toml<T: serde::de::DeserializeOwned>(input: Input, file: &Path) -> Result<T, Failure> {

@@ -13,7 +13,6 @@ mod check;
 mod engine;
 mod job;
 mod manual;
-mod number;
 mod progress;
 mod report;
 

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use super::engine::Summary;
 use super::job::Job;
-use super::number;
 use crate::drive::Run;
+use crate::number;
 use crate::result::{Planning, Times, reason_detail};
 use crate::verdict::Check;
 

@@ -1,6 +1,7 @@
 //! Settings of a run, as read from `--config FILE.toml`.
 
 use super::Faults;
+use crate::number;
 use crate::simulation::SimulationError;
 use crate::{planner, simulation, verdict};
 
@@ -43,7 +44,7 @@ impl Default for RunSettings {
 
 /// A setting that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("setting `{field}` is {value}, it must be {expected}")]
+#[error("setting `{field}` is {}, it must be {expected}", number::exact(*value))]
 pub struct SettingsError {
     /// Name of the setting, with its table.
     pub field: String,
@@ -347,7 +348,7 @@ mod tests {
         for (text, range) in [
             ("[planner]\nstandoff = 200.0", "planner.standoff` is 200, it must be at most 100 m"),
             ("[planner]\ntime_gap = 61.0", "at most 60 s"),
-            ("[run]\nstandstill_time = 1e300", "at most 3600 s"),
+            ("[run]\nstandstill_time = 1e300", "is 1e300, it must be at most 3600 s"),
             ("[planner.lattice]\nmax_slope = 11.0", "at most 10"),
             ("[[planner.emergency]]\nacceleration = 1.0\ndeceleration = 21.0", "at most 20 m/s²"),
             ("[planner]\nemergency_speed_factor = 11.0", "at most 10 times the cruising speed"),

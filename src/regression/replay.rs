@@ -71,13 +71,23 @@ impl Suite {
     }
 }
 
-/// Ids that may be meant: the nearest one, or those that contain the text.
+/// Ids that may be meant: the nearest one, those that contain the text, or those of the scenario with the nearest name.
 fn suggestions(text: &str, ids: &[&str]) -> Vec<String> {
+    /// The name of the scenario, without its extension.
+    fn scenario(id: &str) -> &str {
+        id.split(['.', '@', '#']).next().unwrap_or(id)
+    }
     if let Some(near) = nearest(text, ids.iter().copied()) {
         return vec![near.to_owned()];
     }
-    let containing = ids.iter().filter(|id| !text.is_empty() && id.contains(text));
-    containing.take(MAX_SUGGESTIONS).map(|id| (*id).to_owned()).collect()
+    let first = |is_meant: &dyn Fn(&str) -> bool| -> Vec<String> {
+        ids.iter().filter(|id| is_meant(id)).take(MAX_SUGGESTIONS).map(|id| (*id).to_owned()).collect()
+    };
+    let containing = first(&|id| !text.is_empty() && id.contains(text));
+    match nearest(scenario(text), ids.iter().map(|id| scenario(id))) {
+        Some(near) if containing.is_empty() => first(&|id| scenario(id) == near),
+        _ => containing,
+    }
 }
 
 impl<'a> Replay<'a> {

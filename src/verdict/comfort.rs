@@ -3,6 +3,7 @@
 
 use super::presets::Quantity;
 use super::{Check, ComfortPreset, Settings, Status, zero_phase_low_pass};
+use crate::number::Short;
 use crate::simulation::{Log, Sample};
 use crate::vehicle::Vehicle;
 
@@ -103,7 +104,9 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
         value: &|m| m.acceleration,
         limit: &|m| if m.acceleration < 0.0 { limits.deceleration } else { limits.acceleration },
         quantity: |value| if value < 0.0 { Quantity::Deceleration } else { Quantity::Acceleration },
-        event: |value, _| format!("{} at {:.2} m/s²", if value < 0.0 { "braked" } else { "accelerated" }, value.abs()),
+        event: |value, _| {
+            format!("{} at {:.2} m/s²", if value < 0.0 { "braked" } else { "accelerated" }, Short(value.abs()))
+        },
     };
     let lateral = Signal {
         name: "comfort_lateral",
@@ -112,7 +115,7 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
         value: &|m| m.lateral_acceleration,
         limit: &|_| limits.lateral_acceleration,
         quantity: |_| Quantity::LateralAcceleration,
-        event: |value, _| format!("accelerated to the {} at {:.2} m/s²", side(value), value.abs()),
+        event: |value, _| format!("accelerated to the {} at {:.2} m/s²", side(value), Short(value.abs())),
     };
     let jerk = Signal {
         name: "comfort_jerk",
@@ -121,7 +124,7 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
         value: &|m| m.jerk,
         limit: &|m| jerk_limit(limits.jerk, m.speed),
         quantity: |_| Quantity::Jerk,
-        event: |value, speed| format!("jerk of {value:.2} m/s³ at {speed:.1} m/s"),
+        event: |value, speed| format!("jerk of {:.2} m/s³ at {:.1} m/s", Short(value), Short(speed)),
     };
     let mut checks = vec![judge.check(&longitudinal), judge.check(&lateral), judge.check(&jerk)];
     checks.push(match limits.lateral_jerk {
@@ -132,7 +135,7 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
             value: &|m| m.lateral_jerk,
             limit: &|_| limit,
             quantity: |_| Quantity::LateralJerk,
-            event: |value, _| format!("lateral jerk of {:.2} m/s³ to the {}", value.abs(), side(value)),
+            event: |value, _| format!("lateral jerk of {:.2} m/s³ to the {}", Short(value.abs()), side(value)),
         }),
         None => {
             let why = format!("the comfort preset {} has no lateral jerk limit", preset.name());

@@ -7,6 +7,7 @@ use super::shapes::{footprint_at, gap};
 use super::{Check, Settings, Status};
 use crate::geometry::{Point, Pose};
 use crate::map::{ConvexPart, Motion, Obstacle, Scenario};
+use crate::number::Short;
 use crate::simulation::{Contact, Log, Sample};
 use crate::vehicle::Vehicle;
 
@@ -100,8 +101,10 @@ pub(super) fn nearest(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) 
 pub(super) fn describe(contact: &Contact) -> String {
     let Contact { time, with, at_rear_axle_frame: at, speed } = contact;
     format!(
-        "touched {with} at {time:.2} s at {speed:.1} m/s; point of contact ({:.2}, {:.2}) m from the rear axle",
-        at.x, at.y
+        "touched {with} at {time:.2} s at {:.1} m/s; point of contact ({:.2}, {:.2}) m from the rear axle",
+        Short(*speed),
+        Short(at.x),
+        Short(at.y)
     )
 }
 
@@ -117,12 +120,13 @@ pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, sett
             let when = if Some(n.time) == start { "at the start, " } else { "" };
             let Nearest { time, speed, thing, .. } = n;
             let depth = n.depth();
-            let event = format!("overlapped {thing} by {depth:.3} m at {when}{time:.2} s at {speed:.1} m/s");
+            let event =
+                format!("overlapped {thing} by {:.3} m at {when}{time:.2} s at {:.1} m/s", Short(depth), Short(speed));
             (Some(time), format!("{event}; limit {limit} m; the simulation reported no contact"))
         }
         (None, None, Some(n)) => {
             let gap = n.gap.max(0.0);
-            (Some(n.time), format!("no contact; the nearest was {} at {gap:.2} m at {:.2} s", n.thing, n.time))
+            (Some(n.time), format!("no contact; the nearest was {} at {:.2} m at {:.2} s", n.thing, Short(gap), n.time))
         }
         (None, None, None) => (None, "no contact; the scenario has no obstacle near the vehicle".into()),
     };

@@ -30,6 +30,7 @@ use super::road::Road;
 use super::{Check, FallbackSettings, Settings, Status, cells};
 use crate::geometry::Pose;
 use crate::map::{Motion, Scenario};
+use crate::number::Short;
 use crate::simulation::Log;
 use crate::trajectory::Trajectory;
 use crate::vehicle::Vehicle;
@@ -209,11 +210,11 @@ impl<'a> FallbackJudge<'a> {
             let (at, what) = nearest.map_or((start, "no contact".into()), |n: Nearest| {
                 let stopped = branch.log.samples.last().is_some_and(|s| n.time > s.time);
                 let when = if stopped { " at standstill" } else { "" };
-                (n.time, format!("overlapped {} by {depth:.3} m{when}", n.thing))
+                (n.time, format!("overlapped {} by {:.3} m{when}", n.thing, Short(depth)))
             });
             return Finding::new(Kind::Contact, depth, tolerance, "m", at, what);
         };
-        let what = format!("touched {} at {:.1} m/s", c.with, c.speed);
+        let what = format!("touched {} at {:.1} m/s", c.with, Short(c.speed));
         Finding { passes: false, ..Finding::new(Kind::Contact, depth, tolerance, "m", c.time, what) }
     }
 
@@ -246,7 +247,7 @@ impl<'a> FallbackJudge<'a> {
             }
         }
         let limit = self.settings.road_tolerance.max(at_start);
-        Finding::new(Kind::Road, worst.0, limit, "m", worst.1, format!("left the road by {:.2} m", worst.0))
+        Finding::new(Kind::Road, worst.0, limit, "m", worst.1, format!("left the road by {:.2} m", Short(worst.0)))
     }
 }
 
@@ -254,7 +255,7 @@ fn begins(branch: &FallbackBranch<'_>, time: f64) -> Finding {
     let first = branch.log.samples.first();
     let planned = branch.trajectory.at(time).pose;
     let apart = first.map_or(f64::INFINITY, |s| (s.pose.position - planned.position).norm());
-    let what = format!("began {apart:.2} m from the vehicle");
+    let what = format!("began {:.2} m from the vehicle", Short(apart));
     Finding::new(Kind::Start, apart, FARTHEST_START, "m", time, what)
 }
 
@@ -265,7 +266,7 @@ fn ends_at_standstill(branch: &FallbackBranch<'_>, settings: &Settings, time: f6
     let (speed, what) = if planned > settings.standstill_speed {
         (planned, format!("the committed trajectory ends at {planned:.2} m/s"))
     } else {
-        (speed, format!("moved at {speed:.3} m/s after the planned stop"))
+        (speed, format!("moved at {:.3} m/s after the planned stop", Short(speed)))
     };
     // a contact ends the branch and is graver
     let limit = if branch.log.contact.is_some() { f64::INFINITY } else { settings.standstill_speed };
@@ -292,7 +293,7 @@ fn brakes(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<Finding> {
     };
     let (_, worst) = filtered.worst(|m| -m.acceleration / limit(m.time))?;
     let value = (-worst.acceleration).max(0.0);
-    let what = format!("braked at {value:.2} m/s²");
+    let what = format!("braked at {:.2} m/s²", Short(value));
     Some(Finding::new(Kind::Braking, value, limit(worst.time), "m/s²", worst.time, what))
 }
 
@@ -310,7 +311,7 @@ fn stop_error(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<(f64, 
 
 fn stops(error: f64, at: f64, settings: &Settings) -> Finding {
     let (limit, side) = if error > 0.0 { (settings.stop_past, "beyond") } else { (settings.stop_short, "before") };
-    let what = format!("stopped {:.2} m {side} the planned stop", error.abs());
+    let what = format!("stopped {:.2} m {side} the planned stop", Short(error.abs()));
     Finding::new(Kind::Stop, error.abs(), limit, "m", at, what)
 }
 

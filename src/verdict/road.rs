@@ -4,6 +4,7 @@ use super::shapes::{Bounds, contains, distance_to_outline, footprint_at};
 use super::{Check, Settings, Status};
 use crate::geometry::{Point, Pose};
 use crate::map::RoadNetwork;
+use crate::number::Short;
 use crate::simulation::Log;
 use crate::vehicle::Vehicle;
 
@@ -86,10 +87,15 @@ pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log,
     let verb = if passes { "stayed on the road: at most" } else { "left the road by" };
     let mut note = match at {
         None => "stayed on the road".to_owned(),
-        Some(p) => format!("{verb} {depth:.2} m at {time:.2} s at ({:.1}, {:.1}); limit {limit:.2} m", p.x, p.y),
+        Some(p) => format!(
+            "{verb} {:.2} m at {time:.2} s at ({:.1}, {:.1}); limit {limit:.2} m",
+            Short(depth),
+            Short(p.x),
+            Short(p.y)
+        ),
     };
     if at_start > limit {
-        note += &format!("; the start is {at_start:.2} m off the road");
+        note += &format!("; the start is {:.2} m off the road", Short(at_start));
     }
     Check {
         name: "stays_on_road",

@@ -16,6 +16,7 @@ use super::{Check, Expectation, Settings, Status};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::{Point, Pose, wrap_angle};
 use crate::map::{Lanelet, LaneletId, Motion, PlanningProblem, RoadNetwork, Scenario};
+use crate::number::Short;
 use crate::simulation::Log;
 use crate::vehicle::Vehicle;
 
@@ -63,8 +64,8 @@ impl FreeRoad {
 impl fmt::Display for FreeRoad {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.end {
-            End::Thing(thing) => write!(f, "stopped {:.2} m before {thing}", self.distance),
-            End::Road => write!(f, "stopped {:.2} m before the end of the road", self.distance),
+            End::Thing(thing) => write!(f, "stopped {:.2} m before {thing}", Short(self.distance)),
+            End::Road => write!(f, "stopped {:.2} m before the end of the road", Short(self.distance)),
             End::None => write!(f, "stopped with {:.0} m of free road ahead", self.distance),
         }
     }

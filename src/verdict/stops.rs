@@ -2,6 +2,7 @@
 
 use super::{Check, Expectation, Settings, Status};
 use crate::geometry::Point;
+use crate::number::Short;
 use crate::planner::{Cycle, Decision};
 use crate::simulation::Log;
 use crate::trajectory::Trajectory;
@@ -79,7 +80,7 @@ pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Check {
                 at_time: Some(time),
                 note: format!(
                     "stopped {:.2} m {side} the planned stop at {time:.2} s; limit {limit:.2} m",
-                    error.abs()
+                    Short(error.abs())
                 ),
                 method: "distance of the rear axle from the planned stop along the planned heading".into(),
             }
@@ -114,7 +115,8 @@ fn ended_moving(speed: f64, time: f64, planned: Option<f64>, settings: &Settings
         unit: "m/s",
         at_time: Some(time),
         note: format!(
-            "still moved at {speed:.2} m/s at the end of the run, {time:.2} s{late}; limit {:.2} m/s",
+            "still moved at {:.2} m/s at the end of the run, {time:.2} s{late}; limit {:.2} m/s",
+            Short(speed),
             settings.standstill_speed
         ),
         method: "speed at the end of the run".into(),

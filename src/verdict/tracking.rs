@@ -1,6 +1,7 @@
 //! `tracking`: the lateral error of the tracking controller.
 
 use super::{Check, Settings, Status};
+use crate::number::Short;
 use crate::simulation::{Log, Sample};
 
 /// Position of the rear axle in the frame of the reference pose: (ahead, left), m.
@@ -25,7 +26,10 @@ pub(super) fn tracking(log: &Log, settings: &Settings) -> Check {
         note: if error == 0.0 {
             format!("no lateral offset from the reference pose; limit {limit:.2} m")
         } else {
-            format!("{:.2} m to the {side} of the reference pose at {time:.2} s; limit {limit:.2} m", error.abs())
+            format!(
+                "{:.2} m to the {side} of the reference pose at {time:.2} s; limit {limit:.2} m",
+                Short(error.abs())
+            )
         },
         method: "lateral distance of the rear axle from the reference pose, in every sample".into(),
     }

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args as ArgGroup;
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
-use crate::cli::number;
 use crate::drive::Faults;
 use crate::io::settings_file::nearest;
+use crate::number;
 use crate::simulation;
 use crate::verdict::{self, ComfortPreset};
 

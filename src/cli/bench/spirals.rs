@@ -146,10 +146,12 @@ fn notes() -> String {
         "
 pinned       both poses and both end curvatures are fixed
 bound        |κ| ≤ {BOUND} 1/m; active where the pinned cubic spiral violates it
-soft end     lateral displacement (slide) at a cost of {SOFT} 1/m³ · slide²; every program by Clarabel
-active bound the cubic's end has the least possible slide (second-order cones); the quintic's is pinned (cuts)
-infeasible   proven: a branch and bound over linear relaxations excludes every such spiral
-quintic      pinned spiral of least bending energy; every program by Clarabel
+soft end     the end may move laterally (slide) at a cost of {SOFT} 1/m³ · slide²; solved by Clarabel
+active bound problems with the bound. The cubic spiral's end moves laterally as little as possible (second-order
+             cones); the quintic spiral's end stays pinned (cutting planes)
+infeasible   a branch and bound over linear relaxations proves that no such spiral exists
+energy       mean bending energy as a ratio to that of the pinned cubic spiral on the same problems
+quintic      pinned spiral of least bending energy, found by Clarabel
 polynomial   x and y of degree five; tangents as long as the chord, or optimised for least bending energy
 shooting     the lecture's method for the first row: Newton with Simpson's rule and finite differences
 time         per problem, shortest of three runs; all other metrics are deterministic
