@@ -31,6 +31,7 @@
 //! - The absence of a plan is an outcome with a reason, not an error.
 
 pub mod bench;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod collision;
 pub mod convex;
@@ -46,6 +47,7 @@ pub mod plot;
 #[cfg(feature = "rerun")]
 pub mod recording;
 pub mod reference;
+#[cfg(feature = "regression")]
 pub mod regression;
 pub mod result;
 pub mod route;

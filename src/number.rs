@@ -2,15 +2,15 @@
 
 use std::fmt;
 
-/// Decimals of a number in a table.
-const DECIMALS: usize = 3;
 /// Numbers from here on have an exponent in a table or a sentence.
 const LARGE: f64 = 1e6;
-/// Shown where a number does not apply.
-const NONE: &str = "-";
 
 /// A number for a table: three decimals, an exponent if it is large, a dash for NaN.
+#[cfg(any(feature = "cli", test))]
 pub(crate) fn fixed(value: f64) -> String {
+    const DECIMALS: usize = 3;
+    /// Shown where a number does not apply.
+    const NONE: &str = "-";
     match () {
         () if value.is_nan() => NONE.to_owned(),
         () if value.is_infinite() => value.to_string(),

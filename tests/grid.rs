@@ -117,6 +117,7 @@ fn driving_through_occupied_cells_fails_the_verdict() {
 }
 
 /// The command line reads a ROS grid in addition to the scenario.
+#[cfg(feature = "cli")]
 #[test]
 fn the_command_line_reads_a_grid() {
     let folder = tempfile::tempdir().unwrap();

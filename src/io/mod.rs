@@ -9,6 +9,7 @@ pub mod csv;
 pub mod files;
 pub mod kind;
 mod renamed_keys;
+#[cfg(feature = "images")]
 pub mod ros_map;
 pub mod settings_file;
 pub mod solution;

@@ -82,7 +82,7 @@ pub(super) fn result(
 }
 
 /// Adds wall-clock times to `planning` of the result. They are not in the hash.
-pub(crate) fn add_times(result: &mut Map<String, Value>, planning: &Planning) {
+pub fn add_times(result: &mut Map<String, Value>, planning: &Planning) {
     if let Some(object) = result.get_mut("planning").and_then(Value::as_object_mut) {
         let times = |Times { median, p99, max }: Times| json!({ "median": median, "p99": p99, "max": max });
         object.insert("time_ms".into(), times(planning.time_ms));
@@ -97,7 +97,8 @@ fn rejections(planning: &Planning) -> Value {
 }
 
 /// A planning cycle with its candidates, for `--json-cycles`.
-pub(crate) fn cycle(cycle: &Cycle) -> Value {
+#[must_use]
+pub fn cycle(cycle: &Cycle) -> Value {
     let deceleration = match cycle.decision {
         Decision::NewPlan { deceleration } => Some(deceleration),
         Decision::KeepPrevious | Decision::Unproven => None,
@@ -216,7 +217,8 @@ fn canonical(value: &Value) -> Value {
 }
 
 /// The text of a JSON output: indented, one newline at its end.
-pub(crate) fn text(value: &Value) -> String {
+#[must_use]
+pub fn text(value: &Value) -> String {
     format!("{value:#}\n")
 }
 

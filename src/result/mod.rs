@@ -1,9 +1,9 @@
 //! The result of a run: whether it passes, its metrics, and both as JSON with a hash.
 //!
-//! The command line prints it and [`crate::regression`] stores it. Wall-clock times are separate ([`Planning::time_ms`],
+//! The command line prints it and `regression` stores it. Wall-clock times are separate ([`Planning::time_ms`],
 //! [`Planning::smoothing_ms`]): no hash contains them.
 
-pub(crate) mod json;
+pub mod json;
 
 use std::collections::BTreeMap;
 

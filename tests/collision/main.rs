@@ -5,6 +5,8 @@ mod excess;
 mod grid;
 mod helpers;
 mod million;
+#[cfg(feature = "images")]
+mod published_grids;
 mod random;
 
 use helpers::*;
