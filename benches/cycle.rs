@@ -138,7 +138,7 @@ impl Stages {
     }
 
     fn paths(&self, store: &mut EdgeStore) -> Vec<LatticePath> {
-        paths(&self.context(), &self.root(), SPEED, 100.0, &self.settings.lattice, store)
+        paths(&self.context(), &self.root(), SPEED, 100.0, &self.settings.lattice, store).unwrap()
     }
 
     /// The speed problem on the path of least cost, with a constant speed limit.
@@ -190,7 +190,7 @@ fn lattice_steady(bencher: Bencher) {
         // a new root each time, because the store caches the result for a root
         root.start = root.start.advanced(1e-4);
         root.pose = root.start;
-        paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut store)
+        paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut store).unwrap()
     });
 }
 
@@ -202,7 +202,7 @@ fn refinement(bencher: Bencher) {
     let beside = stages.root();
     let pose = Pose { position: beside.pose.position + beside.pose.left() * 2.0, ..beside.pose };
     let root = Root { pose, start: pose, ..beside };
-    let found = paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default());
+    let found = paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default()).unwrap();
     let (front, weights) = (stages.vehicle.front_overhang_from_rear_axle(), stages.settings.lattice.weights);
     let refine = |path: &LatticePath| {
         refined(&context, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings)

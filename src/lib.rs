@@ -51,6 +51,7 @@ pub mod reference;
 pub mod regression;
 pub mod result;
 pub mod route;
+pub mod settings;
 pub mod simulation;
 pub mod speed;
 pub mod trajectory;

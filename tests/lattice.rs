@@ -47,7 +47,7 @@ fn searched_with(
     let context =
         LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width };
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
-    search(&context, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default())
+    search(&context, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default()).unwrap()
 }
 
 /// Smallest distance between the vehicle on a path and an axis-aligned rectangle, m, by points of the vehicle's outline

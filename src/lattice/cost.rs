@@ -1,5 +1,7 @@
 //! The cost of a path, by term. All terms have the same unit, metres of detour, and add up along the path.
 
+use crate::settings::{SettingsError, within};
+
 /// Weights of the cost terms; the section `[planner.lattice.weights]` of a settings file. Each is in metres of detour per
 /// unit of its quantity.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -44,6 +46,21 @@ impl Weights {
             ("planner.lattice.weights.lane_change", self.lane_change),
             ("planner.lattice.weights.travel_time", self.travel_time),
         ]
+    }
+}
+
+/// Largest weight. Costs are compared in millionths; larger weights would make all of them equal.
+const LARGEST_WEIGHT: f64 = 1e6;
+
+impl Weights {
+    /// Checks the range of every weight; zero turns a term off.
+    ///
+    /// # Errors
+    /// The first weight out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        self.named().into_iter().try_for_each(|(key, weight)| {
+            within(key.rsplit('.').next().unwrap_or(key), weight, 0.0..=LARGEST_WEIGHT, "")
+        })
     }
 }
 

@@ -41,6 +41,8 @@ use crate::collision::{Allowance, Blocker, CollisionWorld, Sweep};
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::reference::ReferenceLine;
+pub use crate::settings::SettingsError;
+use crate::settings::{count, positive, within};
 use crate::trajectory::Path;
 
 /// Settings of the lattice; the section `[planner.lattice]` of a settings file.
@@ -92,6 +94,63 @@ impl Default for Settings {
             candidates: 12,
             weights: Weights::default(),
         }
+    }
+}
+
+/// Largest acceptable offset, m: several times the width of a motorway.
+const WIDEST_OFFSET: f64 = 50.0;
+/// Most offsets to either side.
+const MOST_OFFSETS: f64 = 100.0;
+/// Most edges of a lattice: a cycle evaluates a large part of them.
+const MOST_EDGES: f64 = 1e5;
+
+impl Settings {
+    /// Checks the range of every value, and the number of edges that they give.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        within("grid", self.grid, 0.5..=100.0, "m")?;
+        positive("min_edge_length", self.min_edge_length, f64::INFINITY, "m")?;
+        positive("max_edge_length", self.max_edge_length, f64::INFINITY, "m")?;
+        if self.max_edge_length < self.min_edge_length {
+            return Err(SettingsError::new("max_edge_length", self.max_edge_length, "at least min_edge_length"));
+        }
+        positive("edge_time", self.edge_time, 60.0, "s")?;
+        positive("max_turn", self.max_turn, f64::INFINITY, "rad")?;
+        count("layers", self.layers, 1..=20)?;
+        count("root_layers", self.root_layers, 1..=20)?;
+        positive("max_slope", self.max_slope, 10.0, "")?;
+        count("candidates", self.candidates, 1..=1000)?;
+        self.weights.validate().map_err(|e| e.in_table("weights"))?;
+        positive("offset_spacing", self.offset_spacing, f64::INFINITY, "m")?;
+        within("offset_limit", self.offset_limit, 0.0..=WIDEST_OFFSET, "m")?;
+        if self.offset_limit / self.offset_spacing > MOST_OFFSETS {
+            let expected = "at least a hundredth of offset_limit";
+            return Err(SettingsError::new("offset_spacing", self.offset_spacing, expected));
+        }
+        self.validate_headings()
+    }
+
+    /// Checks the headings of the nodes: at least one, each once, and not too many edges.
+    fn validate_headings(&self) -> Result<(), SettingsError> {
+        count("headings (number)", self.headings.len(), 1..=9)?;
+        for (i, &heading) in self.headings.iter().enumerate() {
+            let field = format!("headings[{i}]");
+            within(&field, heading, -1.0..=1.0, "rad")?;
+            if self.headings[..i].contains(&heading) {
+                return Err(SettingsError::new(field, heading, "different from the headings before it"));
+            }
+        }
+        // edges between two layers connect every node to every node
+        let nodes = (2.0 * (self.offset_limit / self.offset_spacing).floor() + 1.0) * self.headings.len() as f64;
+        let edges = nodes * nodes * self.layers as f64;
+        if edges > MOST_EDGES {
+            let field = " (number of edges, (offsets × headings)² × layers)";
+            let expected = "at most 100000: more offset_spacing, fewer headings or layers";
+            return Err(SettingsError::new(field, edges, expected));
+        }
+        Ok(())
     }
 }
 
@@ -157,7 +216,9 @@ pub struct SearchResult {
 }
 
 /// The paths of [`search()`].
-#[must_use]
+///
+/// # Errors
+/// A setting out of its range.
 pub fn paths(
     context: &LatticeContext<'_>,
     root: &Root,
@@ -165,13 +226,15 @@ pub fn paths(
     horizon: f64,
     settings: &Settings,
     store: &mut EdgeStore,
-) -> Vec<LatticePath> {
-    search(context, root, speed, horizon, settings, store).paths
+) -> Result<Vec<LatticePath>, SettingsError> {
+    Ok(search(context, root, speed, horizon, settings, store)?.paths)
 }
 
 /// Searches for the cheapest chains of edges from `root` through the layers up to `horizon` metres ahead, at most
 /// [`Settings::candidates`]. `speed` (m/s) determines the distance between layers.
-#[must_use]
+///
+/// # Errors
+/// A setting out of its range.
 pub fn search(
     context: &LatticeContext<'_>,
     root: &Root,
@@ -179,18 +242,19 @@ pub fn search(
     horizon: f64,
     settings: &Settings,
     store: &mut EdgeStore,
-) -> SearchResult {
+) -> Result<SearchResult, SettingsError> {
+    settings.validate()?;
     let query =
         store::SearchQuery { root: root.clone(), speed, full_speed_curvature: context.full_speed_curvature, horizon };
     if let Some(result) = store.recent.get(&query) {
-        return result;
+        return Ok(result);
     }
     store.drop_before(context.reference.project(root.start.position).s - KEPT_BEHIND, settings);
     let here = context.reference.project(root.pose.position).s;
     let stations = layers::ahead(context.reference, here, speed, horizon, settings);
     let result = search::Search::new(context, root, &stations, horizon, settings, store).run();
     store.recent.keep(query, &result);
-    result
+    Ok(result)
 }
 
 /// Cached edges that end farther behind the vehicle than this are dropped, m.
@@ -216,7 +280,7 @@ impl Node {
 
 /// The nodes of a layer, from right to left; the same for every layer.
 fn nodes(settings: &Settings) -> Vec<Node> {
-    #[allow(clippy::cast_possible_truncation)] // a few dozen
+    #[allow(clippy::cast_possible_truncation)] // validated: at most 100
     let count = (settings.offset_limit / settings.offset_spacing).floor() as i64;
     let offsets = (-count..=count).map(|i| i as f64 * settings.offset_spacing);
     offsets.flat_map(|offset| settings.headings.iter().map(move |&heading| Node { offset, heading })).collect()

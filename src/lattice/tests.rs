@@ -13,6 +13,29 @@ use crate::map::{Lanelet, Obstacle};
 use crate::reference::ReferenceSettings;
 use proptest::prelude::*;
 
+/// The search with valid settings.
+fn search(
+    context: &LatticeContext<'_>,
+    root: &Root,
+    speed: f64,
+    horizon: f64,
+    settings: &Settings,
+    store: &mut EdgeStore,
+) -> SearchResult {
+    super::search(context, root, speed, horizon, settings, store).unwrap()
+}
+
+fn paths(
+    context: &LatticeContext<'_>,
+    root: &Root,
+    speed: f64,
+    horizon: f64,
+    settings: &Settings,
+    store: &mut EdgeStore,
+) -> Vec<LatticePath> {
+    search(context, root, speed, horizon, settings, store).paths
+}
+
 /// A straight reference line along x.
 pub(super) fn straight_road(length: f64) -> ReferenceLine {
     lane((0..=20).map(|i| Point::new(length * f64::from(i) / 20.0, 0.0)).collect())

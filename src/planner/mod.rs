@@ -46,6 +46,7 @@ use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, LatticeContext, LatticePath, Root, rank, search};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
+pub use crate::settings::SettingsError;
 use crate::speed::smoothing::{self, Smoothed};
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{State, Vehicle};
@@ -121,7 +122,13 @@ struct Start {
 pub enum PlannerError {
     /// A setting is out of its range.
     #[error(transparent)]
-    Settings(#[from] crate::collision::SettingsError),
+    Settings(#[from] SettingsError),
+}
+
+impl From<crate::collision::SettingsError> for PlannerError {
+    fn from(error: crate::collision::SettingsError) -> Self {
+        Self::Settings(settings::of_collision(&error))
+    }
 }
 
 impl<'a> Planner<'a> {
@@ -136,6 +143,7 @@ impl<'a> Planner<'a> {
         settings: &'a Settings,
         end_time: f64,
     ) -> Result<Self, PlannerError> {
+        settings.validate()?;
         let prediction_end = scenario.obstacles.iter().map(|o| o.lifetime().1).filter(|t| t.is_finite());
         let horizon = prediction_end.fold(0.0, f64::max).min(end_time + PREDICTION_BEYOND_END);
         let bare = crate::collision::CollisionSettings {
@@ -369,7 +377,8 @@ impl<'a> Planner<'a> {
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[level.world];
-            let found = search(&context, root, speed, horizon, &self.settings.lattice, store);
+            // the settings are valid: see `Planner::new`
+            let Ok(found) = search(&context, root, speed, horizon, &self.settings.lattice, store) else { continue };
             counts.add(&found.counts);
             for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;

@@ -2,6 +2,7 @@
 
 use crate::collision::{CollisionSettings, MotionBounds};
 use crate::lattice;
+use crate::settings::{SettingsError, count, positive, within};
 
 /// Settings of the planner; the section `[planner]` of a settings file. SI units.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -117,6 +118,73 @@ pub struct EmergencyLimits {
     pub acceleration: f64,
     /// Largest deceleration, m/s², positive.
     pub deceleration: f64,
+}
+
+/// Largest acceleration of other traffic, m/s²; no tyre gives more.
+const HARDEST_TRAFFIC: f64 = 20.0;
+/// Largest limit of an emergency level, m/s².
+const HARDEST_EMERGENCY: f64 = 20.0;
+
+impl Settings {
+    /// Checks the range of every value, including those of the lattice, the refinement and the collision checks.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        positive("cruise_speed", self.cruise_speed, 150.0, "m/s")?;
+        positive("min_horizon", self.min_horizon, f64::INFINITY, "m")?;
+        within("max_horizon", self.max_horizon, 1.0..=1000.0, "m")?;
+        if self.max_horizon < self.min_horizon {
+            return Err(SettingsError::new("max_horizon", self.max_horizon, "at least min_horizon"));
+        }
+        within("standoff", self.standoff, 0.0..=100.0, "m")?;
+        positive("lateral_share", self.lateral_share, 1.0, "")?;
+        positive("stopping_share", self.stopping_share, 1.0, "")?;
+        count("emergency (number of levels)", self.emergency.len(), 0..=16)?;
+        for (i, level) in self.emergency.iter().enumerate() {
+            level.validate().map_err(|e| e.in_table(&format!("emergency[{i}]")))?;
+        }
+        positive("emergency_speed_factor", self.emergency_speed_factor, 10.0, "times the cruising speed")?;
+        positive("restart_lateral", self.restart_lateral, f64::INFINITY, "m")?;
+        positive("restart_longitudinal", self.restart_longitudinal, f64::INFINITY, "m")?;
+        count("expansions", self.expansions, 1..=10_000_000)?;
+        // a lower jerk is not noticeable and too slow to stop in time
+        within("jerk", self.jerk, 0.5..=1000.0, "m/s³")?;
+        within("time_gap", self.time_gap, 0.0..=60.0, "s")?;
+        self.uncertainty.validate().map_err(|e| e.in_table("uncertainty"))?;
+        self.lattice.validate().map_err(|e| e.in_table("lattice"))?;
+        self.refinement.validate().map_err(|e| e.in_table("refinement"))?;
+        self.collision.validate().map_err(|e| of_collision(&e))
+    }
+}
+
+/// An error of the collision checks as one of the planner.
+pub(super) fn of_collision(error: &crate::collision::SettingsError) -> SettingsError {
+    let expected = format!("from {} to {}", error.min, error.max);
+    SettingsError::new(error.field, error.value, expected).in_table("collision")
+}
+
+impl Uncertainty {
+    /// Checks the range of every value; the lateral deviation may be infinite.
+    ///
+    /// # Errors
+    /// The first value out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        within("longitudinal", self.longitudinal, 0.0..=HARDEST_TRAFFIC, "m/s²")?;
+        within("lateral", self.lateral, 0.0..=HARDEST_TRAFFIC, "m/s²")?;
+        within("max_lateral_deviation", self.max_lateral_deviation, 0.0..=f64::INFINITY, "m")
+    }
+}
+
+impl EmergencyLimits {
+    /// Checks both limits.
+    ///
+    /// # Errors
+    /// The first limit out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        positive("acceleration", self.acceleration, HARDEST_EMERGENCY, "m/s²")?;
+        positive("deceleration", self.deceleration, HARDEST_EMERGENCY, "m/s²")
+    }
 }
 
 impl Default for Settings {

@@ -44,6 +44,7 @@ use super::{CostTerms, LatticeContext, LatticePath, Root, Weights};
 use crate::collision::Allowance;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
+use crate::settings::{SettingsError, count, positive, within};
 use crate::trajectory::Path;
 
 /// Settings of the refinement; the section `[planner.refinement]` of a settings file.
@@ -63,6 +64,22 @@ pub struct RefinementSettings {
 impl Default for RefinementSettings {
     fn default() -> Self {
         Self { enabled: true, iterations: 4, corridor: 0.5, min_gain: 0.02 }
+    }
+}
+
+/// Largest lateral shift of a refined path, m. It is less than the width of the narrowest vehicle, so probes on both sides
+/// detect everything between them.
+const WIDEST_CORRIDOR: f64 = 1.0;
+
+impl RefinementSettings {
+    /// Checks the range of every value.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        count("iterations", self.iterations, 1..=100)?;
+        positive("corridor", self.corridor, WIDEST_CORRIDOR, "m")?;
+        within("min_gain", self.min_gain, 0.0..=1.0, "")
     }
 }
 

@@ -71,7 +71,7 @@ impl<'a> LatticeScene<'a> {
         let allowance = crate::collision::Allowance::NONE;
         let root = Root { pose: start.pose, curvature: start.curvature, kept: vec![], start: start.pose, allowance };
         let mut store = EdgeStore::default();
-        paths(&self.context(), &root, SPEED, HORIZON, &self.settings, &mut store).into_iter().next()
+        paths(&self.context(), &root, SPEED, HORIZON, &self.settings, &mut store).ok()?.into_iter().next()
     }
 
     /// The nodes of each layer of the path, beginning with its start.
