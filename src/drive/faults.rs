@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::planner::{Cycle, Decision};
+use crate::settings::{SettingsError, count, within};
 use crate::simulation::{Disturbances, LocalisationNoise};
 use crate::vehicle::Vehicle;
 
@@ -68,23 +69,19 @@ impl Faults {
             }
             other => return Err(format!("unknown fault `{other}`; {}", expected())),
         }
-        match self.out_of_range() {
-            Some((name, _, expected)) => Err(format!("{name} must be {expected}")),
-            None => Ok(()),
-        }
+        self.validate().map_err(|e| format!("{} must be {}", e.field, e.expected))
     }
 
-    /// The first value out of its range: name, value and range.
-    pub(super) fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
-        let ranges = [
-            ("delay", self.delay, 0.0, 2.0, "from 0 to 2 s"),
-            ("friction", self.friction, 0.01, 2.0, "from 0.01 to 2"),
-            ("mass", self.mass, 0.1, 10.0, "from 0.1 to 10"),
-            ("noise", self.noise, 0.0, 10.0, "from 0 to 10 m"),
-            ("missed_cycles", f64::from(self.missed_cycles), 0.0, 10_000.0, "from 0 to 10000"),
-        ];
-        let first = ranges.into_iter().find(|(_, value, least, most, _)| !(*least..=*most).contains(value));
-        first.map(|(name, value, .., expected)| (name, value, expected))
+    /// Checks the range of every value.
+    ///
+    /// # Errors
+    /// The first value out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        within("delay", self.delay, 0.0..=2.0, "s")?;
+        within("friction", self.friction, 0.01..=2.0, "")?;
+        within("mass", self.mass, 0.1..=10.0, "")?;
+        within("noise", self.noise, 0.0..=10.0, "m")?;
+        count("missed_cycles", self.missed_cycles as usize, 0..=10_000)
     }
 
     /// The simulated vehicle.

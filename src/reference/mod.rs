@@ -42,6 +42,8 @@ use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::PathPoint;
 use crate::geometry::{Point, Pose, Vector};
 use crate::map::{Lanelet, LaneletId, RoadNetwork};
+pub use crate::settings::SettingsError;
+use crate::settings::within;
 use smooth::Freedom;
 use spline::Spline;
 
@@ -66,9 +68,26 @@ impl Default for ReferenceSettings {
     }
 }
 
+impl ReferenceSettings {
+    /// Checks the range of every value.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        within("spacing", self.spacing, 0.05..=100.0, "m")?;
+        within("smoothing_length", self.smoothing_length, 0.0..=1000.0, "m")?;
+        within("margin", self.margin, 0.0..=100.0, "m")?;
+        within("min_freedom", self.min_freedom, 0.0..=100.0, "m")?;
+        within("extension", self.extension, 0.0..=1e6, "m")
+    }
+}
+
 /// Why a reference line cannot be built.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Error)]
 pub enum ReferenceFailure {
+    /// A setting is out of its range.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
     /// The chain is empty.
     #[error("the chain has no lanelets")]
     Empty,
@@ -141,6 +160,7 @@ impl ReferenceLine {
         vehicle_width: f64,
         settings: &ReferenceSettings,
     ) -> Result<Self, ReferenceFailure> {
+        settings.validate()?;
         let lanelets: Vec<&Lanelet> = chain
             .iter()
             .map(|id| network.lanelets.get(id).ok_or(ReferenceFailure::UnknownLanelet(*id)))

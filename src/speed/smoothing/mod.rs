@@ -38,6 +38,8 @@ mod corridor;
 mod program;
 
 use super::{ProofViolation, SpeedPlan, SpeedProblem, prove};
+pub use crate::settings::SettingsError;
+use crate::settings::{positive, within};
 use crate::trajectory::{SpeedKnot, SpeedProfile};
 use program::{Program, Rows};
 
@@ -77,6 +79,28 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// Checks the range of every value.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn validate(&self) -> Result<(), SettingsError> {
+        positive("jerk", self.jerk, f64::INFINITY, "m/s³")?;
+        positive("firm_jerk", self.firm_jerk, f64::INFINITY, "m/s³")?;
+        within("step", self.step, 0.01..=10.0, "s")?;
+        within("extra_time", self.extra_time, 0.0..=60.0, "s")?;
+        for (name, weight) in [
+            ("station_weight", self.station_weight),
+            ("speed_weight", self.speed_weight),
+            ("acceleration_weight", self.acceleration_weight),
+            ("jerk_weight", self.jerk_weight),
+        ] {
+            within(name, weight, 0.0..=1e6, "")?;
+        }
+        Ok(())
+    }
+}
+
 /// The raw profile of a plan, with constant acceleration between its states. `None` if the times do not increase.
 #[must_use]
 pub fn raw_profile(problem: &SpeedProblem, plan: &SpeedPlan) -> Option<SpeedProfile> {
@@ -106,7 +130,8 @@ pub struct Smoothed {
 /// Why there is no smoothed profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
-    /// `no_solution`: the program is infeasible or the solver failed.
+    /// `no_solution`: the program is infeasible, the solver failed, or a setting is out of its range
+    /// ([`Settings::validate`]).
     NoSolution,
     /// The proof of the solutions failed; the code names the violation of the last one ([`ProofViolation::CODES`]).
     ReverificationFailed(&'static str),
@@ -140,6 +165,9 @@ pub fn smooth_and_prove(
     start_acceleration: f64,
     settings: &Settings,
 ) -> Result<Smoothed, Failure> {
+    if settings.validate().is_err() {
+        return Err(Failure::NoSolution);
+    }
     let Some(program) = Program::new(problem, target_speed_limits, raw, start_acceleration, settings) else {
         // a permanent standstill needs no smoothing
         let profile = raw.clone();
