@@ -10,6 +10,8 @@ pub mod spirals;
 
 use std::time::Instant;
 
+use crate::verdict::Status;
+
 /// Distribution of the wall-clock time per problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Times {
@@ -24,9 +26,9 @@ pub struct Times {
 pub struct Check {
     /// Stable name.
     pub name: &'static str,
-    /// Whether the check passes.
-    pub pass: bool,
-    /// Value of the metric.
+    /// Whether the check passes. A check without the searches that it needs is N/A; then the comparison does not pass.
+    pub status: Status,
+    /// Value of the metric; NaN if the check does not apply.
     pub value: f64,
     /// Limit of the value.
     pub limit: f64,

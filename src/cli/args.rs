@@ -231,7 +231,8 @@ pub(super) struct SafeTlpArgs {
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub(super) memory: u32,
 
-    /// Start no search of plan-to-stop after this time, s. The report counts the omitted searches.
+    /// Start no search of plan-to-stop after this time, s. The report counts the omitted searches; a check that needs
+    /// them is N/A, and the exit code is 1.
     #[arg(long, value_name = "S", default_value_t = 1800.0, value_parser = seconds)]
     pub(super) time_limit: f64,
 

@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 use super::{Actuators, Comfort, Limits, Tyres, VehicleError};
 use crate::io::settings_file::with_suggestion;
+use crate::number;
 
 /// Content of the file, checked.
 #[derive(Debug)]
@@ -91,46 +92,46 @@ pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
         Err(VehicleError::Element {
             file: file.to_owned(),
             element: element.into(),
-            found: value.to_string(),
+            found: number::exact(value),
             expected,
         })
     };
-    for (element, value) in [
-        ("limits.steering_acceleration", limits.steering_acceleration),
-        ("limits.speed", limits.speed),
-        ("limits.acceleration", limits.acceleration),
-        ("limits.switching_speed", limits.switching_speed),
-        ("limits.deceleration", limits.deceleration),
-        ("tyres.friction", tyres.friction),
-        ("tyres.cornering_front", tyres.cornering_front),
-        ("tyres.cornering_rear", tyres.cornering_rear),
-        ("tyres.longitudinal", tyres.longitudinal),
-        ("tyres.relaxation_length", tyres.relaxation_length),
-        ("actuators.drive_lag", actuators.drive_lag),
-        ("actuators.brake_lag", actuators.brake_lag),
-        ("actuators.steering_lag", actuators.steering_lag),
-        ("comfort.acceleration", comfort.acceleration),
-        ("comfort.deceleration", comfort.deceleration),
-        ("comfort.lateral_acceleration", comfort.lateral_acceleration),
-        ("comfort.jerk", comfort.jerk),
+    // far beyond trucks of 60 t, racing cars and model cars: a larger number is a typing error, and the simulation diverges
+    for (element, value, most, expected) in [
+        ("limits.steering_acceleration", limits.steering_acceleration, 1000.0, "above 0, at most 1000 rad/s²"),
+        ("limits.speed", limits.speed, 150.0, "above 0, at most 150 m/s"),
+        ("limits.acceleration", limits.acceleration, 100.0, "above 0, at most 100 m/s²"),
+        ("limits.switching_speed", limits.switching_speed, 1000.0, "above 0, at most 1000 m/s"),
+        ("limits.deceleration", limits.deceleration, 100.0, "above 0, at most 100 m/s²"),
+        ("tyres.friction", tyres.friction, 5.0, "above 0, at most 5"),
+        ("tyres.cornering_front", tyres.cornering_front, 200.0, "above 0, at most 200 1/rad per unit of load"),
+        ("tyres.cornering_rear", tyres.cornering_rear, 200.0, "above 0, at most 200 1/rad per unit of load"),
+        ("tyres.longitudinal", tyres.longitudinal, 200.0, "above 0, at most 200 per unit of load"),
+        ("tyres.relaxation_length", tyres.relaxation_length, 10.0, "above 0, at most 10 m"),
+        ("actuators.drive_lag", actuators.drive_lag, 10.0, "above 0, at most 10 s"),
+        ("actuators.brake_lag", actuators.brake_lag, 10.0, "above 0, at most 10 s"),
+        ("actuators.steering_lag", actuators.steering_lag, 10.0, "above 0, at most 10 s"),
+        ("comfort.acceleration", comfort.acceleration, 100.0, "above 0, at most 100 m/s²"),
+        ("comfort.deceleration", comfort.deceleration, 100.0, "above 0, at most 100 m/s²"),
+        ("comfort.lateral_acceleration", comfort.lateral_acceleration, 100.0, "above 0, at most 100 m/s²"),
+        ("comfort.jerk", comfort.jerk, 1000.0, "above 0, at most 1000 m/s³"),
     ] {
-        check(element, value, value > 0.0, "a positive finite number")?;
+        check(element, value, value > 0.0 && value <= most, expected)?;
     }
-    for (element, value) in [("tyres.rolling_resistance", tyres.rolling_resistance), ("tyres.drag", tyres.drag)] {
-        check(element, value, value >= 0.0, "a finite number of at least 0")?;
-    }
-    for (element, value) in [
-        ("actuators.drive_front_share", actuators.drive_front_share),
-        ("actuators.brake_front_share", actuators.brake_front_share),
+    for (element, value, most, expected) in [
+        ("tyres.rolling_resistance", tyres.rolling_resistance, 1.0, "from 0 to 1"),
+        ("tyres.drag", tyres.drag, 100.0, "from 0 to 100 N s²/m²"),
+        ("actuators.drive_front_share", actuators.drive_front_share, 1.0, "a share from 0 to 1"),
+        ("actuators.brake_front_share", actuators.brake_front_share, 1.0, "a share from 0 to 1"),
     ] {
-        check(element, value, (0.0..=1.0).contains(&value), "a share from 0 to 1")?;
+        check(element, value, (0.0..=most).contains(&value), expected)?;
     }
     let aggressive = comfort.aggressive_deceleration;
     check(
         "comfort.aggressive_deceleration",
         aggressive,
-        aggressive >= comfort.deceleration,
-        "a finite number of at least comfort.deceleration",
+        aggressive >= comfort.deceleration && aggressive <= 100.0,
+        "at least comfort.deceleration, at most 100 m/s²",
     )?;
     Ok(Dynamics { commonroad_type, limits, tyres, actuators, comfort })
 }

@@ -402,6 +402,88 @@ mod tests {
         assert!(message.contains(&format!("vehicle.urdf: line {line}: link base_link")), "{message}");
     }
 
+    #[test]
+    fn implausible_numbers_are_refused_with_their_range() {
+        let same = ("", "");
+        for (old, new, part) in [
+            (
+                "<mass value=\"965.710868256\"/>",
+                "<mass value=\"1e300\"/>",
+                "mass 1e300; expected a mass above 0, at most 200000 kg",
+            ),
+            (
+                "izz=\"1512.7097647948\"",
+                "izz=\"1e300\"",
+                "yaw inertia 1e300; expected an izz above 0, at most 1e8 kg m²",
+            ),
+            (
+                "iyy=\"1.7\"",
+                "iyy=\"1e300\"",
+                "iyy 1e300; expected an inertia about the axle above 0, at most 100000 kg m²",
+            ),
+            ("velocity=\"0.4\"", "velocity=\"1e300\"", "velocity 1e300; expected limits"),
+            (
+                "<cylinder radius=\"0.344\"",
+                "<cylinder radius=\"344\"",
+                "radius 344; expected a radius above 0, at most 3 m",
+            ),
+            (
+                "xyz=\"2.5789128 0.69342 0.344\"",
+                "xyz=\"2.5789128 0.69342 1e300\"",
+                "1e300; expected coordinates of at most 1000 m",
+            ),
+        ] {
+            let message = refusal((old, new), same);
+            assert!(message.contains(part), "{new}: {message}");
+        }
+        for (old, new, part) in [
+            ("drag = 0.39", "drag = 1e300", "tyres.drag: 1e300; expected from 0 to 100 N s²/m²"),
+            ("jerk = 2.5", "jerk = 1e300", "comfort.jerk: 1e300; expected above 0, at most 1000 m/s³"),
+            ("friction = 1.0489", "friction = 1e300", "tyres.friction: 1e300; expected above 0, at most 5"),
+            ("speed = 50.8", "speed = 508.0", "limits.speed: 508; expected above 0, at most 150 m/s"),
+            ("brake_lag = 0.10", "brake_lag = 1e9", "actuators.brake_lag: 1e9; expected above 0, at most 10 s"),
+            (
+                "rolling_resistance = 0.012",
+                "rolling_resistance = 1.2",
+                "tyres.rolling_resistance: 1.2; expected from 0 to 1",
+            ),
+            (
+                "aggressive_deceleration = 2.2",
+                "aggressive_deceleration = 1e300",
+                "expected at least comfort.deceleration",
+            ),
+        ] {
+            let message = refusal(same, (old, new));
+            assert!(message.contains(part), "{new}: {message}");
+        }
+    }
+
+    /// A truck of 60 t and a racing car are within the bounds; `f1tenth` is a model car.
+    #[test]
+    fn unusual_vehicles_are_accepted() {
+        let truck = &BUILTIN[2];
+        let heavy = truck
+            .urdf
+            .replace("mass value=\"7900\"", "mass value=\"59300\"")
+            .replace("izz=\"54800\"", "izz=\"1000000\"");
+        assert!(assemble("x", Path::new("x"), &heavy, truck.dynamics).unwrap().mass > 59_000.0);
+        let mut racing: toml::Table = bmw().1.parse().unwrap();
+        for (table, key, value) in [
+            ("limits", "speed", 110.0),
+            ("limits", "acceleration", 20.0),
+            ("limits", "deceleration", 60.0),
+            ("limits", "steering_acceleration", 200.0),
+            ("tyres", "friction", 2.5),
+            ("tyres", "cornering_front", 60.0),
+            ("tyres", "drag", 1.5),
+            ("comfort", "lateral_acceleration", 50.0),
+            ("comfort", "jerk", 300.0),
+        ] {
+            racing[table][key] = value.into();
+        }
+        assemble("x", Path::new("x"), bmw().0, &racing.to_string()).unwrap();
+    }
+
     /// Elements for other programs may be inside of links or beside them.
     #[test]
     fn ignores_extensions_of_other_programs() {
@@ -673,7 +755,7 @@ mod tests {
             ("friction = 1.0489", "", "friction"),
             ("friction = 1.0489", "friction = \"high\"", "friction"),
             ("drag = 0.39", "drag = -0.1", "tyres.drag"),
-            ("speed = 50.8", "speed = inf", "limits.speed"),
+            ("speed = 50.8", "speed = inf", "limits.speed: inf; expected above 0"),
             ("drive_front_share = 0.0", "drive_front_share = 1.5", "actuators.drive_front_share"),
             ("brake_lag = 0.10", "brake_lag = 0.0", "actuators.brake_lag"),
             ("jerk = 2.5", "jerk = 0.0", "comfort.jerk"),

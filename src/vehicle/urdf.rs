@@ -26,6 +26,7 @@ use super::VehicleError;
 use super::footprint::{Footprint, FootprintError, around_disc};
 use super::mesh::{self, MeshError};
 use crate::geometry::Point;
+use crate::number::exact;
 
 /// Content of the file, checked. Lengths relative to the rear axle.
 #[derive(Debug)]
@@ -45,6 +46,22 @@ pub(super) struct Body {
 
 /// Tolerance of positions and angles, m and rad: files have rounded decimals.
 const FRAME_TOLERANCE: f64 = 1e-3;
+
+// Far beyond trucks of 60 t, racing cars and model cars: a larger number is a typing error or has another unit.
+/// Heaviest link, kg.
+const MAX_MASS: f64 = 200_000.0;
+/// Largest yaw inertia of a link about its centre of mass, kg m²: 200 t on 70 m.
+const MAX_YAW_INERTIA: f64 = 1e8;
+/// Highest centre of mass, m.
+const MAX_HEIGHT: f64 = 10.0;
+/// Largest radius of a wheel, m.
+const MAX_RADIUS: f64 = 3.0;
+/// Largest inertia of a wheel about its axle, kg m².
+const MAX_WHEEL_INERTIA: f64 = 1e5;
+/// Fastest steering, rad/s.
+const MAX_STEERING_RATE: f64 = 100.0;
+/// Largest coordinate of an origin, m.
+const MAX_COORDINATE: f64 = 1000.0;
 
 /// Vertical component above which an axis is vertical and not horizontal.
 const UPRIGHT: f64 = 0.5;
@@ -133,9 +150,9 @@ impl<'a> Reader<'a> {
         }
         let footprint = self.footprint(&links, rear_x)?;
         let (rear_axle_to_mass, mass_height) = (centre.x - rear_x, centre.z - ground);
-        if !(0.0..=wheelbase).contains(&rear_axle_to_mass) || mass_height < 0.0 {
+        if !(0.0..=wheelbase).contains(&rear_axle_to_mass) || !(0.0..=MAX_HEIGHT).contains(&mass_height) {
             let found = format!("{rear_axle_to_mass} m before the rear axle, {mass_height} m above the ground");
-            return self.element("centre of mass".into(), found, "between the axles and above the ground");
+            return self.element("centre of mass".into(), found, "between the axles and at most 10 m above the ground");
         }
         Ok(Body {
             footprint,
@@ -213,6 +230,10 @@ impl<'a> Reader<'a> {
         if [x, y, z, roll, pitch, yaw].iter().any(|v| !v.is_finite()) {
             return self.element(element.to_owned(), "an origin that is not finite", "finite numbers");
         }
+        if let Some(far) = [x, y, z].into_iter().find(|v| v.abs() > MAX_COORDINATE) {
+            let found = format!("an origin with the coordinate {}", exact(far));
+            return self.element(element.to_owned(), found, "coordinates of at most 1000 m");
+        }
         Ok(Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw)))
     }
 
@@ -232,12 +253,13 @@ impl<'a> Reader<'a> {
                     "a cylinder with the radius of the wheel, or a joint of another type",
                 );
             };
-            if !(radius.is_finite() && radius > 0.0) {
-                return self.element(name, format!("radius {radius}"), "a positive finite radius");
+            if !(radius > 0.0 && radius <= MAX_RADIUS) {
+                return self.element(name, format!("radius {}", exact(radius)), "a radius above 0, at most 3 m");
             }
             let inertia = p.link.inertial.inertia.iyy;
-            if !(inertia.is_finite() && inertia > 0.0) {
-                return self.element(name, format!("iyy {inertia}"), "a positive finite inertia about the axle");
+            if !(inertia > 0.0 && inertia <= MAX_WHEEL_INERTIA) {
+                let expected = "an inertia about the axle above 0, at most 100000 kg m²";
+                return self.element(name, format!("iyy {}", exact(inertia)), expected);
             }
             wheels.push(Wheel {
                 name: &p.link.name,
@@ -263,12 +285,20 @@ impl<'a> Reader<'a> {
         for joint in front.iter().filter_map(|w| w.steered_by) {
             let limit = &joint.limit;
             let side = limit.upper.min(-limit.lower);
-            if !(side > 0.0 && side < std::f64::consts::FRAC_PI_2 && limit.velocity > 0.0 && limit.velocity.is_finite())
+            if !(side > 0.0
+                && side < std::f64::consts::FRAC_PI_2
+                && limit.velocity > 0.0
+                && limit.velocity <= MAX_STEERING_RATE)
             {
                 return self.element(
                     format!("joint {}", joint.name),
-                    format!("lower {}, upper {}, velocity {}", limit.lower, limit.upper, limit.velocity),
-                    "limits lower < 0 < upper below a right angle (rad), and a positive velocity (rad/s)",
+                    format!(
+                        "lower {}, upper {}, velocity {}",
+                        exact(limit.lower),
+                        exact(limit.upper),
+                        exact(limit.velocity)
+                    ),
+                    "limits lower < 0 < upper below a right angle (rad), and a velocity above 0, at most 100 rad/s",
                 );
             }
             (angle, rate) = (angle.min(side), rate.min(limit.velocity));
@@ -289,12 +319,13 @@ impl<'a> Reader<'a> {
                 continue;
             }
             let (mass, inertia) = (p.link.inertial.mass.value, &p.link.inertial.inertia);
-            let positive = |v: f64| v.is_finite() && (v > 0.0 || (v == 0.0 && !is_chassis_or_wheel));
-            if !positive(mass) {
-                return self.element(name, format!("mass {mass}"), "a positive finite mass (kg)");
+            let positive = |v: f64, most: f64| v <= most && (v > 0.0 || (v == 0.0 && !is_chassis_or_wheel));
+            if !positive(mass, MAX_MASS) {
+                return self.element(name, format!("mass {}", exact(mass)), "a mass above 0, at most 200000 kg");
             }
-            if !positive(inertia.izz) {
-                return self.element(name, format!("yaw inertia {}", inertia.izz), "a positive finite izz (kg m²)");
+            if !positive(inertia.izz, MAX_YAW_INERTIA) {
+                let found = format!("yaw inertia {}", exact(inertia.izz));
+                return self.element(name, found, "an izz above 0, at most 1e8 kg m²");
             }
             let frame = p.frame * self.isometry(&name, &p.link.inertial.origin)?;
             if (frame.rotation * nalgebra::Vector3::z()).z < 1.0 - FRAME_TOLERANCE {

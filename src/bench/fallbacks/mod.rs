@@ -18,6 +18,7 @@ use super::Check;
 use crate::drive::{self, DriveError, Faults, Settings};
 use crate::planner::Decision;
 use crate::vehicle::Vehicle;
+use crate::verdict::Status;
 
 /// A road surface of the bench.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,8 +113,13 @@ impl FallbackBench {
     /// What has to hold: no broken proof, no contact of a run that was proven throughout.
     #[must_use]
     pub fn checks(&self) -> [Check; 2] {
-        let none =
-            |name, value: usize| Check { name, pass: value == 0, value: value as f64, limit: 0.0, unit: "count" };
+        let none = |name, value: usize| Check {
+            name,
+            status: Status::of(value == 0),
+            value: value as f64,
+            limit: 0.0,
+            unit: "count",
+        };
         [none("broken_proofs", self.broken(&GRAVE)), none("proven_contacts", self.proven_contacts())]
     }
 }

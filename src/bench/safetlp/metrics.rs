@@ -2,6 +2,7 @@
 
 use super::super::{Check, quantile};
 use super::{Comparison, LIMIT_SETS, Measurement, Method, TIME_LIMIT};
+use crate::verdict::Status;
 
 /// Minimum ratio of the median expansions of plan-to-stop to those of SafeTLP.
 const MIN_EXPANSION_RATIO: f64 = 1000.0;
@@ -95,7 +96,11 @@ impl Comparison {
         let least_gain =
             gains.fold(f64::INFINITY, |least, gain| if gain < least || gain.is_nan() { gain } else { least });
         let memory = Method::ALL.iter().map(|m| summary(*m, None).bytes).max().unwrap_or(0) as f64;
-        let check = |name, pass, value, limit, unit| Check { name, pass, value, limit, unit };
+        let check = |name, pass, value: f64, limit, unit| {
+            // no value: plan-to-stop was omitted after the time limit, or found no plan
+            let status = if value.is_nan() { Status::NotApplicable } else { Status::of(pass) };
+            Check { name, status, value, limit, unit }
+        };
         vec![
             check("all_proven", share >= 1.0, share, 1.0, "share"),
             check("expansion_ratio", ratio >= MIN_EXPANSION_RATIO, ratio, MIN_EXPANSION_RATIO, "plan-to-stop/SafeTLP"),

@@ -17,6 +17,7 @@ use crate::geometry::boundary::{EndCondition, Infeasibility, Problem, Status};
 use crate::geometry::quintic;
 use crate::geometry::spiral::connect;
 use crate::geometry::spiral_opt::connect_bounded;
+use crate::verdict::Status as CheckStatus;
 
 /// The curvature bound of the comparison, 1/m: a radius of 8.3 m at the rear axle, somewhat wider than the minimum of a
 /// car.
@@ -339,7 +340,7 @@ impl Comparison {
             (at_most("bound_holds", most(&Method::is_bounded, &|r| r.max_curvature), BOUND * (1.0 + ROUNDING)), "1/m"),
             (at_most("quintics_bend_less", most(&quintic, &|r| r.energy_ratio), 1.0), "ratio"),
         ]
-        .map(|((name, pass, value, limit), unit)| Check { name, pass, value, limit, unit })
+        .map(|((name, pass, value, limit), unit)| Check { name, status: CheckStatus::of(pass), value, limit, unit })
         .to_vec()
     }
 }
@@ -399,7 +400,7 @@ mod tests {
     #[test]
     fn checks_pass_and_report_each_violation() {
         let good = compare(&SMALL);
-        assert!(good.checks().iter().all(|c| c.pass), "{:?}", good.checks());
+        assert!(good.checks().iter().all(|c| c.status == CheckStatus::Pass), "{:?}", good.checks());
         /// A method, a fault in its row, and the checks that must fail.
         type Case = (Method, fn(&mut Row), &'static [&'static str]);
         let cases: [Case; 9] = [
@@ -416,13 +417,14 @@ mod tests {
         for (method, fault, expected) in cases {
             let mut comparison = good.clone();
             comparison.rows.iter_mut().filter(|r| r.method == method).for_each(fault);
-            let failed: Vec<&str> = comparison.checks().iter().filter(|c| !c.pass).map(|c| c.name).collect();
+            let failed: Vec<&str> =
+                comparison.checks().iter().filter(|c| c.status != CheckStatus::Pass).map(|c| c.name).collect();
             assert_eq!(failed, expected, "{method:?}");
         }
         // no limit applies to the residual of the shooting method
         let mut comparison = good;
         comparison.rows.iter_mut().filter(|r| r.method == Method::CubicShooting).for_each(|r| r.worst_residual = 1e-6);
-        assert!(comparison.checks().iter().all(|c| c.pass));
+        assert!(comparison.checks().iter().all(|c| c.status == CheckStatus::Pass));
     }
 
     #[test]
@@ -431,6 +433,6 @@ mod tests {
         let comparison = compare(&Settings { seed, problems: 1 });
         let bounded = comparison.row(Method::CubicBounded).unwrap();
         assert_eq!((bounded.problems, bounded.solved, bounded.mean_energy), (0, 0, 0.0));
-        assert!(comparison.checks().iter().all(|c| c.pass));
+        assert!(comparison.checks().iter().all(|c| c.status == CheckStatus::Pass));
     }
 }

@@ -21,20 +21,20 @@ pub(super) fn run(comparison: Comparison) -> Result<Exit, Failure> {
 }
 
 fn all_pass(checks: &[Check]) -> bool {
-    checks.iter().all(|c| c.pass)
+    checks.iter().all(|c| c.status == Status::Pass)
 }
 
 fn check_json(check: &Check) -> Value {
-    let Check { name, pass, value, limit, unit } = check;
-    json!({ "name": name, "status": Status::of(*pass).name(), "value": value, "limit": limit, "unit": unit })
+    let Check { name, status, value, limit, unit } = check;
+    json!({ "name": name, "status": status.name(), "value": value, "limit": limit, "unit": unit })
 }
 
 /// The checks as a text table.
 fn check_table(checks: &[Check]) -> String {
     let head = ["check", "", "value", "limit", "unit"].map(str::to_owned).to_vec();
     let row = |c: &Check| {
-        let status = Status::of(c.pass).to_string();
-        [c.name, &status, &format!("{:.3e}", c.value), &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
+        let value = if c.value.is_nan() { "-".to_owned() } else { format!("{:.3e}", c.value) };
+        [c.name, &c.status.to_string(), &value, &format!("{:.3e}", c.limit), c.unit].map(str::to_owned).to_vec()
     };
     report::table(&std::iter::once(head).chain(checks.iter().map(row)).collect::<Vec<_>>())
 }
