@@ -82,6 +82,10 @@ fn reports_exhausted_budgets_with_exit_1() {
         let report = text(&output.stdout);
         assert_eq!(output.status.code(), Some(1), "{report}");
         assert!(report.contains(line), "{report}");
+        assert!(!report.contains("NaN"), "{report}");
+        let gain = report.lines().find(|l| l.starts_with("average_speed")).expect("the check is listed");
+        let is_omitted = bound[0] == "--time-limit";
+        assert_eq!(gain.split_whitespace().take(3).eq(["average_speed", "N/A", "-"]), is_omitted, "{gain}");
     }
 }
 

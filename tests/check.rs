@@ -109,6 +109,16 @@ fn exit_0_if_all_drives_pass_with_every_report() {
 }
 
 #[test]
+fn an_empty_shard_passes_and_says_so() {
+    let place = Place::new(&format!("[[drive]]\nscenarios = \"*.xml\"\n{SECOND}"));
+    let warning = "shard 9/9 has no drives: the suite has 1, in the shard 1/9";
+    says(&place.check(&["--shard", "9/9"]), 0, &["0 drives (shard 9/9)", warning]);
+    let quiet = place.check(&["--shard", "9/9", "--quiet"]);
+    assert_eq!(quiet.status.code(), Some(0));
+    assert!(text(&quiet.stderr).contains(warning), "also with --quiet: {quiet:?}");
+}
+
+#[test]
 fn exit_1_if_a_drive_fails() {
     let place = Place::new("[[drive]]\nscenarios = \"*.xml\"\nsettings.run.longest = 1.0\n");
     says(&place.check(&["--html", "r.html"]), 1, &["1 FAIL", "outcome: timed_out, expected goal_reached"]);

@@ -141,7 +141,11 @@ fn check(args: &CheckArgs, suites: &[Suite]) -> Result<Exit, Failure> {
         };
         let summary = suite.run_watched(&options, &watch);
         bar.finish_and_clear();
-        summaries.push(summary?);
+        let summary = summary?;
+        if let (Some(empty), true) = (summary.empty_shard(), args.quiet) {
+            say(&format!("warning: {}: {empty}", suite.file.display()));
+        }
+        summaries.push(summary);
     }
     if !interrupt.begin_reports() {
         show(args, &summaries)?;

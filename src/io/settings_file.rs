@@ -55,15 +55,67 @@ const UNKNOWN_KEY: &str = "unknown field ";
 /// The same for an unknown value of an enumeration.
 const UNKNOWN_VALUE: &str = "unknown variant ";
 
+/// How the messages of serde begin, without those of the parser: "invalid type: string \"a\", expected usize".
+const OF_SERDE: [&str; 6] =
+    ["invalid type: ", "invalid value: ", "invalid length ", "missing field ", UNKNOWN_KEY, UNKNOWN_VALUE];
+
+/// Words of Rust and serde, and those for people. The first that fits is used.
+const PLAIN_WORDS: [(&str, &str); 22] = [
+    ("expected usize", "expected a whole number, zero or more"),
+    ("expected u64", "expected a whole number, zero or more"),
+    ("expected u32", "expected a whole number from 0 to 4294967295"),
+    ("expected u16", "expected a whole number from 0 to 65535"),
+    ("expected u8", "expected a whole number from 0 to 255"),
+    ("expected i64", "expected a whole number"),
+    ("expected i32", "expected a whole number"),
+    ("expected f64", "expected a number"),
+    ("expected a boolean", "expected true or false"),
+    ("expected a string", "expected a text in quotes"),
+    ("expected a sequence", "expected a list"),
+    ("expected a map", "expected a table"),
+    ("expected string or table", "expected a text in quotes or a table"),
+    ("invalid type: string", "wrong type: text"),
+    ("invalid type: sequence", "wrong type: list"),
+    ("invalid type: map", "wrong type: table"),
+    ("invalid type: floating point", "wrong type: number"),
+    ("invalid type: integer", "wrong type: number"),
+    ("invalid type: boolean", "wrong type:"),
+    ("unknown field ", "unknown key "),
+    ("unknown variant ", "unknown value "),
+    ("missing field ", "missing key "),
+];
+
+/// The message without words of Rust. Lines that quote the file stay.
+fn in_plain_words(message: &str) -> String {
+    let plain = |line: &str| {
+        let is_of_serde = OF_SERDE.iter().any(|start| line.starts_with(start));
+        let words: &[(&str, &str)] = if is_of_serde { &PLAIN_WORDS } else { &[] };
+        // only the end is about the expected type; the value before it is quoted from the file
+        let (found, expected) = line.rfind(", expected ").map_or((line, ""), |at| line.split_at(at));
+        let replaced = |text: &str| {
+            let fits = |word: &str| text.trim_start_matches(", ").starts_with(word);
+            match words.iter().find(|(word, _)| fits(word)) {
+                Some((word, plain)) => text.replacen(word, plain, 1),
+                None => text.to_owned(),
+            }
+        };
+        let expected =
+            if is_of_serde && expected.starts_with(", expected struct ") { ", expected a table" } else { expected };
+        format!("{}{}", replaced(found), replaced(expected))
+    };
+    message.lines().map(plain).collect::<Vec<_>>().join("\n")
+}
+
 /// The message of a serde error. For an unknown name, it ends with the new name or with the nearest known name.
 pub(crate) fn with_suggestion(error: &dyn std::fmt::Display) -> String {
     let message = error.to_string().trim_end().to_owned();
     if let Some(renamed) = renamed(&message) {
         return renamed;
     }
+    let plain = in_plain_words(&message);
     match meant(&message) {
-        Some(name) => format!("{message}\ndid you mean `{name}`?"),
-        None => message,
+        Some(name) => format!("{plain}\ndid you mean `{name}`?"),
+        None => plain,
     }
 }
 
@@ -139,6 +191,32 @@ mod tests {
     }
 
     #[test]
+    fn messages_have_no_words_of_rust() {
+        for (text, end) in [
+            (
+                "[planner.lattice]\nlayers = \"many\"",
+                "wrong type: text \"many\", expected a whole number, zero or more",
+            ),
+            ("[planner.lattice]\nlayers = -1", "invalid value: integer `-1`, expected a whole number, zero or more"),
+            ("[planner.lattice]\nlayers = 1.5", "wrong type: number `1.5`, expected a whole number, zero or more"),
+            ("[planner]\njerk = \"expected usize\"", "wrong type: text \"expected usize\", expected a number"),
+            ("[planner]\nstandoff = [1]", "expected a number"),
+            ("[simulation]\nanti_lock = 3", "wrong type: number `3`, expected true or false"),
+            ("[planner.lattice]\nheadings = 0.0", "wrong type: number `0.0`, expected a list"),
+            ("[planner]\nrefinement.enabled = \"yes\"", "wrong type: text \"yes\", expected true or false"),
+            ("[[planner.emergency]]\nacceleration = 1.0", "missing key `deceleration`"),
+            ("planner = 3", "wrong type: number `3`, expected a table"),
+            ("[planner]\ncruise_sped = 3.0", "did you mean `cruise_speed`?"),
+        ] {
+            let message = read(text);
+            assert!(message.ends_with(end), "{message}");
+        }
+        assert!(read("[planner]\ncruise_sped = 3.0").contains("\nunknown key `cruise_sped`, expected one of"));
+        let quoted = read("[planner]\njerk = \"a\" # invalid type: expected usize");
+        assert!(quoted.contains("# invalid type: expected usize"), "lines of the file stay: {quoted}");
+    }
+
+    #[test]
     fn an_old_key_is_refused_with_its_new_name() {
         assert_eq!(
             read("[planner]\nuncertainty.along = 1.0\n[run]\nrest = 2\n"),
@@ -152,6 +230,6 @@ mod tests {
             "`planner.lattice.weights.bending` is now `planner.lattice.weights.curvature`"
         );
         let both = read("[planner]\ncruise_speed = \"fast\"\nuncertainty.along = 1.0\n");
-        assert!(both.contains("expected f64"), "an error of another kind comes first: {both}");
+        assert!(both.contains("expected a number"), "an error of another kind comes first: {both}");
     }
 }

@@ -2,8 +2,9 @@
 //!
 //! A metric is a number of the drive's JSON under its own name: all of `metrics`, the value of every check that applies
 //! (`tracking`), all counts of `planning` (`expansions`, `smoothing.firm`). A metric that is null (the clearance of a drive
-//! without obstacles) is within every limit. A limit on a metric that the drive does not have is a failure: a limit with a
-//! misspelt name would never fail. So is a limit on a check that does not apply.
+//! without obstacles) is within every limit. A limit on a metric that the drive does not have (`robust_cycles` without
+//! `planner.uncertainty`) is a failure, since it would never fail. So is a limit on a check that does not apply. Misspelt
+//! names are errors of the suite ([`super::names`]).
 
 use std::collections::BTreeMap;
 
@@ -38,7 +39,8 @@ pub enum FailureKind {
     Limit,
     /// A metric or the outcome differs from the baseline.
     Baseline,
-    /// A limit, a tolerance or a check has an unknown name. An expected failure does not cover it: it would hide there.
+    /// The drive has no metric of the name of a limit or a tolerance. An expected failure does not cover it: it would hide
+    /// there.
     UnknownName,
     /// The drive is expected to fail and passed.
     UnexpectedPass,

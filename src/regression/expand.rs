@@ -12,6 +12,7 @@ use serde::Deserialize as _;
 use toml::Spanned;
 
 use super::SuiteError;
+use super::names;
 use super::pattern::FilePattern;
 use super::suite::{Bound, Entry, Expect, OneOrMore, SuiteFile, Tolerance, folder_of};
 use crate::drive::Settings;
@@ -70,11 +71,15 @@ pub(super) fn cases(file: &Path, text: &str, read: SuiteFile<toml::Table>) -> Re
     {
         return Err(wrong(*line, "`name` and `scenarios` belong to a [[drive]], not to [defaults]".into()));
     }
+    if let Some((line, entry)) = &defaults {
+        names::validate(entry).map_err(|message| wrong(*line, message))?;
+    }
     let defaults = defaults.map_or_else(Entry::default, |(_, entry)| entry);
     let mut expansion = Expansion { folder: folder_of(file), vehicles: BTreeMap::new(), cases: Vec::new() };
     for entry in read.drive {
         let line = line_of(entry.span().start);
         let entry = with_defaults(Spanned::into_inner(entry), &defaults);
+        names::validate(&entry).map_err(|message| wrong(line, message))?;
         expansion.add(line, &entry).map_err(|message| wrong(line, message))?;
     }
     let mut lines: BTreeMap<&str, usize> = BTreeMap::new();

@@ -24,6 +24,7 @@
 mod baseline;
 mod compare;
 mod expand;
+mod names;
 mod pattern;
 mod replay;
 pub mod report;

@@ -55,8 +55,8 @@ impl Options {
 /// Part `index` of `count` parts, counted from 1: every `count`-th drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
-    index: usize,
-    count: usize,
+    pub(super) index: usize,
+    pub(super) count: usize,
 }
 
 impl Shard {
@@ -167,6 +167,7 @@ impl Suite {
             name: self.name.clone(),
             file: self.file.clone(),
             shard: options.shard,
+            suite_drives: self.cases.len(),
             drives,
             not_driven,
             stale_in_baseline: stale,

@@ -15,6 +15,8 @@ pub struct Summary {
     pub file: PathBuf,
     /// The part of the suite that ran; all of it if none.
     pub shard: Option<Shard>,
+    /// The number of drives of the whole suite.
+    pub suite_drives: usize,
     /// The finished drives, in the order of the suite.
     pub drives: Vec<DriveReport>,
     /// The number of drives that did not run because the run was cancelled.
@@ -196,6 +198,16 @@ impl Summary {
         if self.is_success() { Ok(()) } else { Err(SuiteFailed(Box::new(self))) }
     }
 
+    /// A sentence if the shard has no drives. That is a success: the suite has at least one drive, so another shard has it.
+    #[must_use]
+    pub fn empty_shard(&self) -> Option<String> {
+        let shard = self.shard.filter(|_| self.drives.is_empty() && self.not_driven == 0)?;
+        let (drives, count) = (self.suite_drives, shard.count);
+        let which =
+            if drives == 1 { format!("shard 1/{count}") } else { format!("shards 1/{count} to {drives}/{count}") };
+        Some(format!("shard {shard} has no drives: the suite has {drives}, in the {which}"))
+    }
+
     /// The counts in a line: "12 drives: 11 PASS, 1 FAIL".
     #[must_use]
     pub fn counts(&self) -> String {
@@ -215,6 +227,9 @@ impl fmt::Display for Summary {
     /// The counts, and the drives that did not pass, with their reasons.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(f, "{}: {}", self.name, self.counts())?;
+        if let Some(empty) = self.empty_shard() {
+            writeln!(f, "\n{empty}")?;
+        }
         for drive in self.drives.iter().filter(|d| d.status != Status::Pass) {
             let why = drive.expected_failure.as_ref().map_or_else(String::new, |why| format!(" ({why})"));
             writeln!(f, "\n{}: {}{why}", drive.id, drive.status.label())?;
