@@ -91,7 +91,7 @@ impl Fallback {
     /// How it broke its proof, as a stable code; `None` if it did not.
     #[must_use]
     pub fn failure(&self) -> Option<&'static str> {
-        (!self.worst.passes).then(|| match self.worst.kind {
+        (!self.worst.passes).then_some(match self.worst.kind {
             Kind::Numbers => "numbers",
             Kind::Contact => "contact",
             Kind::Standstill => "standstill",
