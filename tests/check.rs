@@ -134,8 +134,8 @@ fn exit_2_for_wrong_use() {
     says(&place.check(&["--replay", "x", "--update-baseline"]), 2, &["--update-baseline"]);
     says(&place.check(&["--bless"]), 2, &["--bless is now --update-baseline"]);
     says(&place.check(&["--report", "x"]), 2, &["--replay"]);
-    for input in ["suite.toml", "a.xml"] {
-        says(&place.check(&["--json", input]), 2, &["--json", input, "twice"]);
+    for (flag, input) in [("--json", "suite.toml"), ("--junit", "a.xml")] {
+        says(&place.check(&[flag, input]), 2, &[flag, input, "twice"]);
     }
     says(&place.check(&["--json", "r", "--junit", "./r"]), 2, &["--junit", "twice"]);
     says(&place.check(&["--html", "-"]), 2, &["--html", "only --json"]);
