@@ -2,8 +2,8 @@
 //! it.
 //!
 //! Technique: folders by the files in them; binary formats by their first bytes; XML by its root element; TOML by its
-//! top-level keys; text formats without a mark by the name's extension. No reader depends on this module: it is asked only
-//! after a reader has refused a file. Compressed files and other encodings than UTF-8 are not recognised.
+//! top-level keys; text formats without a mark by the name's extension. Readers ask it only about a file that they have
+//! refused. It sees bytes: compressed files and encodings other than UTF-8 have to be decoded first.
 
 use std::fmt;
 use std::io::Read as _;
