@@ -488,8 +488,7 @@ impl<'a> Planner<'a> {
     /// Emergency braking along the present curvature, for a vehicle that never had a proven plan.
     fn emergency_stop(&self, start: &Start) -> Committed {
         let p = &start.point;
-        let asked = self.settings.emergency.last().map_or(MAX_BRAKING, |e| e.deceleration);
-        let deceleration = asked.min(self.limits.deceleration());
+        let deceleration = self.settings.emergency.last().map_or(MAX_BRAKING, |e| e.deceleration);
         let bound = self.vehicle.max_curvature();
         let k = p.curvature.clamp(-bound, bound);
         let length = p.speed * p.speed / (2.0 * deceleration) + 1.0;
