@@ -52,6 +52,50 @@ fn with_goal_at(mut scenario: Scenario, ahead: f64, left: f64, width: f64) -> Sc
     scenario
 }
 
+// ---- Proofs stay within what the vehicle reaches on the road.
+
+/// A straight road with a wall at a distance ahead of the front bumper, m.
+fn before_a_wall(vehicle: &Vehicle, speed: f64, distance: f64) -> Scenario {
+    let mut scenario = straight();
+    let initial = &mut scenario.problems[0].initial;
+    initial.speed = speed;
+    let wall = initial.centre.advanced(0.5 * vehicle.length + distance + 0.5);
+    scenario.obstacles.push(parked(77, wall, 1.0, 20.0));
+    scenario
+}
+
+/// Its brakes give 7 m/s² after a lag of 0.2 s, too little for these distances: 15 m/s take 16 m and 3 m of lag.
+#[test]
+fn a_truck_too_close_to_a_wall_claims_no_proof() {
+    let truck = vehicle::load("truck").unwrap();
+    for distance in [16.0, 17.0, 18.0] {
+        let scenario = before_a_wall(&truck, 15.0, distance);
+        let run = driven(&scenario, &truck);
+        assert_eq!(run.outcome, Outcome::Collision, "{distance} m");
+        let proven = run.cycles.iter().filter(|c| c.decision != Decision::Unproven).count();
+        assert_eq!(proven, 0, "of {} cycles, {distance} m", run.cycles.len());
+    }
+}
+
+/// On ice of which the planner knows, every proof holds: the run and each fallback branch stop before the wall.
+#[test]
+fn proofs_on_ice_hold() {
+    let car = car();
+    let scenario = before_a_wall(&car, 8.0, 70.0);
+    let mut settings = Settings::default();
+    settings.simulation.friction_scale = 0.15;
+    let run = drive::drive(&scenario, &scenario.problems[0], &car, &settings, &mut |_, _| {}).unwrap();
+    assert_eq!(run.outcome, Outcome::StoppedSafely);
+    for name in ["no_contact", "stop_proven", "fallback_stops"] {
+        assert_eq!(check(&run, name).status, Status::Pass, "{:?}", check(&run, name));
+    }
+    // with the friction unknown to the planner, the same road breaks the proofs
+    settings.simulation.friction_scale = 1.0;
+    settings.faults.friction = 0.15;
+    let run = drive::drive(&scenario, &scenario.problems[0], &car, &settings, &mut |_, _| {}).unwrap();
+    assert_eq!(check(&run, "fallback_stops").status, Status::Fail);
+}
+
 // ---- Facts of the start: a plan and a drive report the same outcome and reason.
 
 fn off_road() -> Scenario {

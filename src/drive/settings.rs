@@ -66,6 +66,13 @@ const WIDEST_CORRIDOR: f64 = 1.0;
 const MOST_EDGES: f64 = 1e5;
 
 impl Settings {
+    /// Friction of the road that the planner assumes, as a factor on that of dry asphalt: the least that is known of. Injected
+    /// faults are unknown to it.
+    #[must_use]
+    pub fn believed_friction(&self) -> f64 {
+        self.friction.iter().map(|region| region.factor).fold(1.0, f64::min) * self.simulation.friction_scale
+    }
+
     /// Checks the range of every value, including those of the collision checks and of the simulation.
     ///
     /// # Errors

@@ -48,7 +48,7 @@ use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
 use crate::speed::smoothing::{self, Smoothed};
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
-use crate::vehicle::{State, Vehicle};
+use crate::vehicle::{ProofLimits, State, Vehicle};
 
 pub use self::lanes::NoLane;
 
@@ -56,7 +56,9 @@ pub use self::lanes::NoLane;
 pub struct Planner<'a> {
     scenario: &'a Scenario,
     problem: &'a PlanningProblem,
-    vehicle: &'a Vehicle,
+    /// The vehicle, its comfort within what the road gives.
+    vehicle: Vehicle,
+    limits: ProofLimits,
     settings: &'a Settings,
     /// The collision worlds: with margins, without margins, without margins at a fine resolution.
     worlds: [CollisionWorld; 3],
@@ -150,13 +152,16 @@ impl<'a> Planner<'a> {
             CollisionWorld::new(scenario, vehicle, &bare, horizon)?,
             CollisionWorld::new(scenario, vehicle, &fine, horizon)?,
         ];
-        let lanes = Lane::all(scenario, problem, &problem.initial.centre, vehicle);
+        let limits = ProofLimits::new(vehicle, DRY);
+        let vehicle = limits.applied_to(vehicle);
+        let lanes = Lane::all(scenario, problem, &problem.initial.centre, &vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
         let traffic = Traffic::default();
         Ok(Self {
             scenario,
             problem,
             vehicle,
+            limits,
             settings,
             worlds,
             lanes,
@@ -166,6 +171,13 @@ impl<'a> Planner<'a> {
             horizon,
             end_time,
         })
+    }
+
+    /// Plans for a road whose friction is believed to be `friction` times that of dry asphalt.
+    #[must_use]
+    pub fn with_friction(self, friction: f64) -> Self {
+        let limits = ProofLimits::new(&self.vehicle, friction);
+        Self { vehicle: limits.applied_to(&self.vehicle), limits, ..self }
     }
 
     /// The reason why there is no lane to drive on; `None` if there is one.
@@ -254,7 +266,7 @@ impl<'a> Planner<'a> {
         let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
         let ends_soon = ahead < self.settings.max_horizon && current.goes_on(self.scenario);
         if (changed || ends_soon)
-            && let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, self.vehicle)
+            && let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, &self.vehicle)
         {
             self.lanes = Ok(lanes);
         }
@@ -265,6 +277,7 @@ impl<'a> Planner<'a> {
     fn levels(&self) -> Vec<Level> {
         let aggressive = self.vehicle.comfort.aggressive_deceleration;
         let lateral_limit = LATERAL_HEADROOM * self.vehicle.comfort.lateral_acceleration;
+        let hardest = self.limits.deceleration();
         let first = Level {
             world: 0,
             acceleration: self.vehicle.comfort.acceleration,
@@ -285,9 +298,9 @@ impl<'a> Planner<'a> {
         ];
         levels.extend(self.settings.emergency.iter().map(|e| Level {
             world: 1,
-            acceleration: e.acceleration,
-            braking: NOMINAL_SHARE * e.deceleration,
-            deceleration: e.deceleration,
+            acceleration: e.acceleration.min(self.limits.acceleration()),
+            braking: NOMINAL_SHARE * e.deceleration.min(hardest),
+            deceleration: e.deceleration.min(hardest),
             search_share: 1.0,
             speed_factor: if e.acceleration > self.vehicle.comfort.acceleration {
                 self.settings.emergency_speed_factor
@@ -296,7 +309,7 @@ impl<'a> Planner<'a> {
             },
             time_gap: 0.0,
             junctions_kept_free: false,
-            lateral_limit: EMERGENCY_LATERAL,
+            lateral_limit: EMERGENCY_LATERAL.min(self.limits.lateral_beside(e.deceleration.min(hardest))),
             robust: false,
         }));
         // for bumper-to-bumper traffic, cells of half a metre and slices of a tenth of a second are too coarse
@@ -358,7 +371,7 @@ impl<'a> Planner<'a> {
         let weights = self.settings.lattice.weights;
         let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let context = context(self.vehicle, &lane.reference, world, full_speed_curvature);
+        let context = context(&self.vehicle, &lane.reference, world, full_speed_curvature);
         // the cost of postponing a lane change that the goal requires rises as time and distance run out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -385,7 +398,7 @@ impl<'a> Planner<'a> {
 
     /// The curvature with the planned lateral acceleration at the start speed, 1/m.
     fn full_speed_curvature(&self, start: &Start, level: Level) -> f64 {
-        planned_lateral(self.settings, self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
+        planned_lateral(self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
     fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
@@ -400,7 +413,7 @@ impl<'a> Planner<'a> {
 
     fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: Level) -> Situation<'s> {
         Situation {
-            vehicle: self.vehicle,
+            vehicle: &self.vehicle,
             settings: self.settings,
             traffic: self.predictions_for(&level),
             reference: &lane.reference,
@@ -508,6 +521,8 @@ impl<'a> Planner<'a> {
     }
 }
 
+/// Friction of dry asphalt, as a factor.
+const DRY: f64 = 1.0;
 /// Remaining margin of the collision world without margins, m: the smallest tracking error.
 const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.01, longitudinal: 0.01 };
 /// Station cells of the world at a fine resolution, m.
