@@ -105,8 +105,10 @@ pub(crate) fn cycle(cycle: &Cycle) -> Value {
     json!({
         "time_s": cycle.time,
         "decision": cycle.decision.name(),
+        "level": cycle.level.name(),
         "summary": cycle.summary(),
         "deceleration_mps2": deceleration,
+        "expected_contact": cycle.expected_contact.map(|c| json!({ "with": c.what.to_string(), "time_s": c.time, "speed_mps": c.speed })),
         "robust": cycle.is_robust,
         "expansions": cycle.expansions,
         "candidates": candidates(cycle),
