@@ -47,6 +47,13 @@ impl Level {
     pub fn is_proven(self) -> bool {
         self != Self::Unproven
     }
+
+    /// Whether a proof of this level is at least as safe as one of another. Time gaps and free junctions are wishes: the levels
+    /// with margins are equally safe.
+    #[must_use]
+    pub fn is_as_safe_as(self, other: Self) -> bool {
+        self <= other.max(Self::StopInJunction)
+    }
 }
 
 impl fmt::Display for Level {
@@ -104,17 +111,14 @@ impl Planner<'_> {
             LevelLimits { level: Level::NoMargin, time_gap: 0.0, world: 1, search_share: 1.0, ..in_junction };
         let mut levels = vec![first, short_gap, in_junction, no_margin];
         levels.extend(self.emergency_levels(&self.limits));
-        // for bumper-to-bumper traffic, cells of half a metre and slices of a tenth of a second are too coarse
-        if let (None, Some(hardest)) = (&self.committed, levels.last().copied()) {
-            levels.push(LevelLimits { world: 2, ..hardest });
-        }
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
-            levels.retain(|l| l.level <= committed.level);
+            levels.retain(|l| l.level.is_as_safe_as(committed.level));
         }
         self.with_robust_levels(levels)
     }
 
-    /// The emergency levels of the settings, as far as the limits permit.
+    /// The emergency levels of the settings, as far as the limits permit. Without a proven plan, the last one is tried again at a
+    /// fine resolution: for bumper-to-bumper traffic, cells of half a metre and slices of a tenth of a second are too coarse.
     pub(super) fn emergency_levels(&self, limits: &ProofLimits) -> Vec<LevelLimits> {
         let one = |(index, e): (u8, &super::EmergencyLimits)| {
             let deceleration = e.deceleration.min(limits.deceleration());
@@ -133,7 +137,12 @@ impl Planner<'_> {
                 robust: false,
             }
         };
-        (0..).zip(&self.settings.emergency).map(one).collect()
+        let mut levels: Vec<LevelLimits> = (0..).zip(&self.settings.emergency).map(one).collect();
+        let is_proven = self.committed.as_ref().is_some_and(|c| c.level.is_proven());
+        if let Some(hardest) = levels.last().copied().filter(|_| !is_proven) {
+            levels.push(LevelLimits { world: 2, ..hardest });
+        }
+        levels
     }
 }
 

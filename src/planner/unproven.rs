@@ -53,7 +53,7 @@ impl Planner<'_> {
         }
         let deceleration = self.unreserved.deceleration();
         let mut best = self.braking_on_arc(start, deceleration);
-        let hardest = levels.last().copied();
+        let hardest = levels.iter().rfind(|level| level.world == 1).copied();
         for lane in 0..hardest.map_or(0, |_| self.lanes.as_ref().map_or(0, Vec::len)) {
             let Some(level) = hardest else { break };
             let paths = self.lattice_paths(start, lane, level, &mut record.edges);

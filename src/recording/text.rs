@@ -114,7 +114,10 @@ fn summary(cycle: &Cycle) -> String {
             format!("keep previous plan: the best candidate is below the switching threshold; {stop}")
         }
         Decision::KeepPrevious => format!("keep previous plan: no candidate has a proven stop; {stop}"),
-        Decision::Unproven => "unproven: no plan has had a proven stop yet; emergency braking".into(),
+        Decision::Unproven => match &cycle.expected_contact {
+            Some(contact) => format!("unproven: {contact}"),
+            None => "unproven: no contact expected".into(),
+        },
     };
     if let Some(candidate) = chosen(cycle) {
         let _ = write!(text, "; cost {}", cost_by_terms(candidate));
