@@ -189,6 +189,7 @@ impl Judge<'_> {
             limit,
             unit,
             at_time: Some(worst.time),
+            impact: None,
             note: format!("{event} at {:.2} s; limit {limit:.2} ({source})", worst.time),
             method: self.method(signal.what),
         }
@@ -218,6 +219,7 @@ fn too_slow(name: &'static str, motion: &FilteredMotion) -> Check {
         limit: 1.0 / LEAST_RATE,
         unit: "s",
         at_time: motion.moments.first().map(|m| m.time),
+        impact: None,
         note: format!("the log has {:.0} samples/s; comfort needs at least {LEAST_RATE:.0}", motion.rate),
         method: "mean time between two samples of the log".into(),
     }

@@ -24,8 +24,9 @@
 
 use std::cmp::Ordering;
 
+use super::cause::Impact;
 use super::comfort::FilteredMotion;
-use super::contact::{self, Nearest, Place};
+use super::contact::{self, Place};
 use super::road::Road;
 use super::{Check, FallbackSettings, Settings, Status, cells};
 use crate::geometry::Pose;
@@ -109,6 +110,12 @@ impl Fallback {
         &self.worst.what
     }
 
+    /// Who ran into whom, if its event is a contact.
+    #[must_use]
+    pub fn impact(&self) -> Option<&Impact> {
+        self.worst.impact.as_ref()
+    }
+
     /// Whether its event is graver than that of another fallback.
     #[must_use]
     pub fn is_graver_than(&self, other: &Self) -> bool {
@@ -140,11 +147,13 @@ struct Finding {
     at: f64,
     /// The event in words, without its time.
     what: String,
+    /// Who ran into whom, if it is a contact.
+    impact: Option<Impact>,
 }
 
 impl Finding {
     fn new(kind: Kind, value: f64, limit: f64, unit: &'static str, at: f64, what: String) -> Self {
-        Self { kind, passes: value <= limit, value, limit, unit, at, what }
+        Self { kind, passes: value <= limit, value, limit, unit, at, what, impact: None }
     }
 
     /// Which of two is worse: a failure before a pass, then the graver failure, then the one that uses more of its limit.
@@ -200,22 +209,24 @@ impl<'a> FallbackJudge<'a> {
     /// Contact while driving, by the simulation and by geometry, and at standstill by geometry alone.
     fn touches(&self, branch: &FallbackBranch<'_>) -> Finding {
         let tolerance = self.settings.contact_tolerance;
-        let obstacle = contact::nearest_obstacle(self.scenario, self.vehicle, &self.watched(branch.log));
+        let places = self.watched(branch.log);
+        let obstacle = contact::nearest_obstacle(self.scenario, self.vehicle, &places);
         // cells do not move: a stopped vehicle needs no further look
         let cell = cells::nearest(self.scenario, self.vehicle, &contact::places(branch.log));
         let nearest = obstacle.into_iter().chain(cell).reduce(|a, b| if b.gap < a.gap { b } else { a });
         let start = branch.log.samples.first().map_or(0.0, |s| s.time);
         let depth = nearest.map_or(0.0, |n| n.depth());
-        let Some(c) = branch.log.contact else {
-            let (at, what) = nearest.map_or((start, "no contact".into()), |n: Nearest| {
-                let stopped = branch.log.samples.last().is_some_and(|s| n.time > s.time);
-                let when = if stopped { " at standstill" } else { "" };
-                (n.time, format!("overlapped {} by {:.3} m{when}", n.thing, Short(depth)))
-            });
-            return Finding::new(Kind::Contact, depth, tolerance, "m", at, what);
+        let overlap = nearest.filter(|n| n.depth() > tolerance);
+        let (scenario, vehicle, reported) = (self.scenario, self.vehicle, branch.log.contact);
+        let impact = contact::impact(scenario, vehicle, &places, (reported, overlap), &self.settings);
+        let (at, what) = match (reported, impact, nearest) {
+            (Some(contact), Some(impact), _) => (contact.time, impact.to_string()),
+            (None, Some(impact), _) => (impact.time, format!("{impact} and overlapped it by {:.3} m", Short(depth))),
+            (.., Some(n)) => (n.time, format!("overlapped {} by {:.3} m", n.thing, Short(depth))),
+            (.., None) => (start, "no contact".into()),
         };
-        let what = format!("touched {} at {:.1} m/s", c.with, Short(c.speed));
-        Finding { passes: false, ..Finding::new(Kind::Contact, depth, tolerance, "m", c.time, what) }
+        let finding = Finding::new(Kind::Contact, depth, tolerance, "m", at, what);
+        Finding { passes: finding.passes && reported.is_none(), impact, ..finding }
     }
 
     /// The places of a branch, and its final standstill for as long as anything still moves.
@@ -330,7 +341,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &Fallba
     let all = fallbacks.len();
     let failed = fallbacks.iter().filter(|f| !f.passes()).count();
     let changes = fallbacks.iter().filter(|f| f.is_change).count();
-    let Finding { value, limit, unit, at, what, .. } = &worst.worst;
+    let Finding { value, limit, unit, at, what, impact, .. } = &worst.worst;
     let count = if failed == 0 {
         format!("all {all} passed, nearest to its limit")
     } else {
@@ -347,6 +358,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &Fallba
         limit: *limit,
         unit,
         at_time: Some(*at),
+        impact: *impact,
         note: format!("{count}: {what} at {at:.2} s; limit {limit:.2} {unit} ({plan})"),
         method: format!(
             "{all} branches of the simulation follow the committed plan to standstill: {} at regular times, {changes} \
@@ -358,6 +370,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &Fallba
 
 #[cfg(test)]
 mod tests {
+    use super::super::Cause;
     use super::super::testing::Story;
     use super::*;
     use crate::geometry::Point;
@@ -490,7 +503,9 @@ mod tests {
         hit.scenario.obstacles[0] = hit.place.parked(100, 60.0, 1.69);
         let all = [&Story::clean(), &past, &hit, &past].map(|s| assessed(s, 2.2, 0.0));
         let check = fallback_stops(&all, 2, &FallbackSettings::default());
-        assert!(check.failed() && check.note.contains("worst: overlapped obstacle 100 by 0.015 m at "), "{check:?}");
+        assert!(check.failed() && check.note.contains("worst: the vehicle ran into obstacle 100 "), "{check:?}");
+        assert!(check.note.contains(" and overlapped it by 0.015 m at "), "{check:?}");
+        assert_eq!(check.impact.map(|i| i.cause), Some(Cause::Vehicle));
         assert!(
             check.note.starts_with("3 of 4 failed") && check.method.ends_with("2 changes not sampled"),
             "{check:?}"

@@ -170,6 +170,7 @@ pub(super) fn goal(
         limit: 0.0,
         unit: UNIT,
         at_time,
+        impact: None,
         note,
         method: "conditions of a goal state that the vehicle's centre does not meet at the best time step".into(),
     };

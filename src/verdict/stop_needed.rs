@@ -111,6 +111,7 @@ pub(super) fn stop_needed(problem: &PlanningProblem, ahead: Option<&FreeRoad>, s
                 limit: FREE,
                 unit: "m",
                 at_time: Some(free.since),
+                impact: None,
                 note: format!("{free} at {:.2} s; limit {FREE:.0} m", free.since),
                 method: "free distance of the footprint straight ahead and along its lanes".into(),
             };
