@@ -10,8 +10,9 @@
 //! - neither the simulation nor the geometry of the verdict finds a contact, until it stops and for
 //!   [`FallbackSettings::hold`] after,
 //! - it stops at most [`Settings::stop_past`] beyond the planned stop and [`Settings::stop_short`] before it,
-//! - it brakes no harder than its plan claims (filtered as for comfort, with [`Settings::comfort_margin`]). Braking inherited
-//!   from the plan before is allowed for [`HANDOVER`]; then it has to decrease by [`RELEASE`] or faster,
+//! - it brakes no harder than its plan claims (filtered as for comfort, with [`Settings::comfort_margin`]). Braking that the
+//!   plan before or the vehicle imposes at the start is allowed for [`HANDOVER`](super::imposed::HANDOVER); then it has to
+//!   decrease by [`RELEASE`](super::imposed::RELEASE) or faster,
 //! - it stays on the road, or moves no farther off the road than it was at the start.
 //!
 //! The claimed deceleration comes from the planner's record, because the claim is what is tested. Everything else comes from
@@ -27,6 +28,7 @@ use std::cmp::Ordering;
 use super::cause::Impact;
 use super::comfort::FilteredMotion;
 use super::contact::{self, Place};
+use super::imposed::{Imposed, raised};
 use super::road::Road;
 use super::{Check, FallbackSettings, Settings, Status, cells};
 use crate::geometry::Pose;
@@ -38,10 +40,6 @@ use crate::vehicle::Vehicle;
 
 /// Farthest that a fallback may begin from the vehicle, m.
 const FARTHEST_START: f64 = 1.5;
-/// How long inherited braking may last in full, s: the lag of the brakes.
-const HANDOVER: f64 = 0.1;
-/// Least rate at which inherited braking decreases then, m/s³.
-const RELEASE: f64 = 1.5;
 /// Time between two looks at a stopped vehicle, s.
 const WATCH: f64 = 0.02;
 /// Distance between two looks at the road, m.
@@ -192,7 +190,7 @@ impl<'a> FallbackJudge<'a> {
         let findings = [ends_at_standstill(branch, settings, time), self.touches(branch), self.leaves_road(branch)]
             .into_iter()
             .chain(broken_numbers(branch, time))
-            .chain(brakes(branch, settings))
+            .chain(brakes(branch, self.vehicle, settings))
             .chain(stop.map(|(error, at)| stops(error, at, settings)));
         let worst = findings.fold(begins(branch, time), |a, b| if b.compared(&a).is_gt() { b } else { a });
         Fallback {
@@ -294,14 +292,11 @@ fn broken_numbers(branch: &FallbackBranch<'_>, time: f64) -> Option<Finding> {
 }
 
 /// The deceleration that uses most of its limit; `None` if the branch is too short to filter.
-fn brakes(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<Finding> {
+fn brakes(branch: &FallbackBranch<'_>, vehicle: &Vehicle, settings: &Settings) -> Option<Finding> {
     let filtered = FilteredMotion::new(branch.log, settings.comfort_cutoff);
-    let begun = *filtered.moments.first()?;
-    let inherited = branch.inherited.max(-begun.acceleration);
-    let limit = |time: f64| {
-        let released = RELEASE * (time - begun.time - HANDOVER).max(0.0);
-        (1.0 + settings.comfort_margin) * branch.promised.max(inherited - released)
-    };
+    let inherited = Imposed::longitudinal(vehicle, branch.log).with_deceleration(branch.inherited);
+    let margin = settings.comfort_margin;
+    let limit = |time: f64| raised((1.0 + margin) * branch.promised, inherited.allows(-1.0, time), margin);
     let (_, worst) = filtered.worst(|m| -m.acceleration / limit(m.time))?;
     let value = (-worst.acceleration).max(0.0);
     let what = format!("braked at {:.2} m/s²", Short(value));

@@ -39,6 +39,7 @@ mod contact;
 mod fallback;
 mod filter;
 mod goal;
+mod imposed;
 mod metrics;
 mod presets;
 mod road;
