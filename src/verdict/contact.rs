@@ -73,8 +73,12 @@ impl Nearest {
 }
 
 /// The smallest gap to any obstacle at any place; `None` if no obstacle exists at any of the times.
-pub(super) fn nearest_obstacle(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
-    let bodies: Vec<Body> = scenario.obstacles.iter().map(Body::new).collect();
+pub(super) fn nearest_obstacle<'a>(
+    obstacles: impl IntoIterator<Item = &'a Obstacle>,
+    vehicle: &Vehicle,
+    places: &[Place],
+) -> Option<Nearest> {
+    let bodies: Vec<Body> = obstacles.into_iter().map(Body::new).collect();
     let reach = 0.5 * vehicle.length.hypot(vehicle.width);
     let mut best: Option<Nearest> = None;
     for place in places {
@@ -94,7 +98,7 @@ pub(super) fn nearest_obstacle(scenario: &Scenario, vehicle: &Vehicle, places: &
 
 /// The smallest gap to any obstacle, or to any occupied cell within [`cells::FAR`]; `None` if there is neither.
 pub(super) fn nearest(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
-    let obstacle = nearest_obstacle(scenario, vehicle, places);
+    let obstacle = nearest_obstacle(&scenario.obstacles, vehicle, places);
     let cells = cells::nearest(scenario, vehicle, places);
     obstacle.into_iter().chain(cells).reduce(|a, b| if b.gap < a.gap { b } else { a })
 }

@@ -208,7 +208,7 @@ impl<'a> FallbackJudge<'a> {
     fn touches(&self, branch: &FallbackBranch<'_>) -> Finding {
         let tolerance = self.settings.contact_tolerance;
         let places = self.watched(branch.log);
-        let obstacle = contact::nearest_obstacle(self.scenario, self.vehicle, &places);
+        let obstacle = contact::nearest_obstacle(&self.scenario.obstacles, self.vehicle, &places);
         // cells do not move: a stopped vehicle needs no further look
         let cell = cells::nearest(self.scenario, self.vehicle, &contact::places(branch.log));
         let nearest = obstacle.into_iter().chain(cell).reduce(|a, b| if b.gap < a.gap { b } else { a });

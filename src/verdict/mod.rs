@@ -40,6 +40,7 @@ mod fallback;
 mod filter;
 mod goal;
 mod imposed;
+mod lanes;
 mod metrics;
 mod presets;
 mod road;
@@ -144,7 +145,10 @@ pub fn judge(
     }
     let ahead = match settings.expect {
         Expectation::Goal => None,
-        Expectation::Stop => stop_needed::free_road(scenario, vehicle, log, settings),
+        Expectation::Stop => {
+            let watch = GoalWatch::new(scenario, problem);
+            stop_needed::free_road(scenario, vehicle, log, settings, |centre| watch.is_place_to_stop(centre))
+        }
     };
     let mut checks = vec![
         simulation,

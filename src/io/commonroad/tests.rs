@@ -522,7 +522,8 @@ fn refuses_an_uncertain_state_with_its_line() {
     let at = SMALL.find("<planningProblem").unwrap();
     let (before, after) = SMALL.split_at(at);
     let late = after.replacen("<time><exact>0</exact>", &format!("<time>{}", interval(0.0, 1.0)), 1);
-    let error = refused_element(&format!("{before}{late}"), &["initialState, time: is uncertain by 1.0000, expected exact"]);
+    let error =
+        refused_element(&format!("{before}{late}"), &["initialState, time: is uncertain by 1.0000, expected exact"]);
     assert_eq!(error.place().line, 1 + 4 + u32::try_from(before.matches('\n').count()).unwrap());
     let braking = format!("<acceleration>{}</acceleration><slipAngle>", interval(-6.0, 0.0));
     refused_element(&with("<slipAngle>", &braking), &["initialState, acceleration", "by 6", "0.01 m/s²"]);
