@@ -133,7 +133,12 @@ pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, sett
     let (at_time, note) = match (log.contact, overlap, nearest) {
         (Some(Contact { time, at_rear_axle_frame: at, speed, .. }), ..) => {
             let point = format!("point of contact ({:.2}, {:.2}) m from the rear axle", Short(at.x), Short(at.y));
-            (Some(time), format!("{event} at {time:.2} s; the vehicle drove at {:.1} m/s; {point}", Short(speed)))
+            let drove = if speed.abs() <= settings.standstill_speed {
+                "the vehicle stood".to_owned()
+            } else {
+                format!("the vehicle drove at {:.1} m/s", Short(speed))
+            };
+            (Some(time), format!("{event} at {time:.2} s; {drove}; {point}"))
         }
         (None, Some(n), _) => {
             let began = impact.map_or(n.time, |i| i.time);

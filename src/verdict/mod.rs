@@ -23,13 +23,13 @@
 //! every verdict, in the order of [`CHECKS`]. A check that does not apply says why in its note.
 //!
 //! **Goal or stop.** A run that neither reached its goal nor had something in its way fails. A run that stopped safely
-//! ([`Expectation::Stop`]) is excused from `goal` only if an obstacle or an occupied cell stood in its way; the end of the
-//! road is no excuse. `stop_needed` asks whether there was any reason to stop. Every other run is asked for its goal. `stops`
+//! ([`Expectation::Stop`]) is excused from `goal` only if an obstacle or an occupied cell stood in its way, and the goal neither
+//! lies behind the start, nor was driven past, nor could be entered before the obstacle. The end of the road is no excuse. `stop_needed` asks whether there was any reason to stop. Every other run is asked for its goal. `stops`
 //! also applies to a run asked for its goal if it ended at standstill where its plan stops, or should have.
 //!
 //! Weak where: a contact between two samples (10 ms) with a thing thinner than the distance driven between them is seen by
-//! the simulation only, and has an unknown cause; obstacles in the way are looked for straight ahead and along the
-//! present lane only.
+//! the simulation only, and has an unknown cause; obstacles in the way are looked for along the present lane only, straight
+//! ahead where the vehicle is not aligned with one.
 
 mod cause;
 mod cells;
