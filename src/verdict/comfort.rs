@@ -397,9 +397,9 @@ mod tests {
 
     #[test]
     fn a_start_that_brakes_does_not_excuse_an_acceleration() {
-        let mut s = braking_at_start(3.0, 0.0);
+        let mut s = braking_at_start(6.0, 0.0);
         for m in &mut s.log.samples {
-            m.acceleration += bump(m.time, 0.0, 4.0, 6.5);
+            m.acceleration += bump(m.time, 0.5, 3.0, 2.4);
         }
         assert!(failures(&s).contains(&("comfort_longitudinal", "m/s²")), "{:?}", failures(&s));
     }
