@@ -481,6 +481,20 @@ mod tests {
     }
 
     #[test]
+    fn braking_that_the_vehicle_has_at_the_start_is_allowed_and_a_step_of_the_plan_is_not() {
+        let braking_from = |start: f64| {
+            let mut s = Story::clean();
+            for m in s.log.samples.iter_mut().filter(|m| m.time >= start) {
+                m.acceleration -= (4.0 - 1.8 * m.time).max(0.0);
+            }
+            assessed(&s, 2.2, 0.0)
+        };
+        assert!(braking_from(0.0).passes(), "{:?}", braking_from(0.0));
+        let step = braking_from(0.01);
+        assert!(!step.passes() && step.worst.kind == Kind::Braking, "{step:?}");
+    }
+
+    #[test]
     fn a_vehicle_off_the_road_may_return_but_not_move_farther_off() {
         let mut s = Story::clean();
         s.displace(|m| (0.0, 1.5 * (1.0 - m.time / 5.0).max(0.0)));
