@@ -234,6 +234,7 @@ fn verdict() -> Verdict {
         limit,
         unit,
         at_time,
+        impact: None,
         note: note.into(),
         method: String::new(),
     };
