@@ -477,7 +477,7 @@ mod tests {
     #[test]
     fn a_goal_crossed_between_two_time_steps_was_driven_past() {
         let mut s = stopped_before_a_car(super::super::testing::Place::here());
-        s.goal().position = rectangle(&s, 30.0, 0.0, 0.1);
+        s.goal().position = rectangle(&s, 30.4, 0.0, 0.1);
         assert_eq!(s.failures(), [NAME]);
         assert!(goal_check(&s).note.contains("; it was driven past"), "{:?}", goal_check(&s));
     }
