@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use stopline::collision::Blocker;
 use stopline::drive::{self, Outcome, Run, Settings};
 use stopline::fixtures::parked;
 use stopline::geometry::polyline::Polyline;
@@ -74,6 +75,52 @@ fn a_truck_too_close_to_a_wall_claims_no_proof() {
         assert_eq!(run.outcome, Outcome::Collision, "{distance} m");
         let proven = run.cycles.iter().filter(|c| c.decision != Decision::Unproven).count();
         assert_eq!(proven, 0, "of {} cycles, {distance} m", run.cycles.len());
+        let foreseen: Vec<_> = run.cycles.iter().filter_map(|c| c.expected_contact).collect();
+        assert!(!foreseen.is_empty(), "{distance} m");
+        assert!(foreseen.iter().all(|c| c.what == Blocker::Obstacle(77)), "{distance} m: {foreseen:?}");
+        let (expected, contact) = (foreseen[foreseen.len() - 1], run.log.contact.unwrap());
+        assert!((contact.time - expected.time).abs() < 0.3, "{distance} m: {expected:?} {contact:?}");
+    }
+}
+
+/// Too little grip to stop on is an outcome, however little it is.
+#[test]
+fn a_road_almost_without_friction_is_an_outcome() {
+    let car = car();
+    let scenario = before_a_wall(&car, 8.0, 70.0);
+    for friction in [1e-3, 1e-9, 1e-300] {
+        let mut settings = Settings::default();
+        settings.simulation.friction_scale = friction;
+        settings.run.longest = 1.0;
+        let run = drive::drive(&scenario, &scenario.problems[0], &car, &settings, &mut |_, _| {}).unwrap();
+        assert!(run.cycles.iter().all(|c| c.decision == Decision::Unproven), "{friction}");
+    }
+}
+
+/// A sidewalk beside the lane is not road, for the planner as for the verdict: no plan and no fallback goes there.
+#[test]
+fn nothing_drives_over_a_sidewalk() {
+    let car = car();
+    let mut scenario = before_a_wall(&car, 8.0, 40.0);
+    let mut sidewalk = scenario.network.lanelets.values().next().unwrap().clone();
+    let width = sidewalk.left.at(0.0) - sidewalk.right.at(0.0);
+    let shifted = |line: &Polyline| Polyline::new(line.points().iter().map(|p| p - width)).unwrap();
+    (sidewalk.left, sidewalk.right) = (shifted(&sidewalk.left), shifted(&sidewalk.right));
+    sidewalk.centre = shifted(&sidewalk.centre);
+    (sidewalk.id, sidewalk.types) = (9001, vec!["sidewalk".into()]);
+    // beside the lane, leaving more than the width of the vehicle only over there
+    scenario.obstacles.pop();
+    let initial = scenario.problems[0].initial.centre;
+    scenario.obstacles.push(parked(77, initial.advanced(45.0), 4.0, width.norm()));
+    for (types, outcome) in [("sidewalk", Outcome::StoppedSafely), ("urban", Outcome::GoalReached)] {
+        let mut scenario = scenario.clone();
+        sidewalk.types = vec![types.into()];
+        scenario.network.lanelets.insert(sidewalk.id, sidewalk.clone());
+        let run = driven(&scenario, &car);
+        for name in ["no_contact", "stays_on_road", "fallback_stops"] {
+            assert_eq!(check(&run, name).status, Status::Pass, "{types}: {:?}", check(&run, name));
+        }
+        assert_eq!(run.outcome, outcome, "{types}");
     }
 }
 

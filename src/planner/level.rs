@@ -156,3 +156,24 @@ const NOMINAL_SHARE: f64 = 0.75;
 const SHORT_GAP: f64 = 0.15;
 /// Lateral acceleration of emergency paths, m/s²: within dry friction, combined with braking.
 const EMERGENCY_LATERAL: f64 = 5.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_with_margins_are_equally_safe_and_the_others_ordered() {
+        use Level::{Comfort, Emergency, NoMargin, ShortGap, StopInJunction, Unproven};
+        let with_margins = [Comfort, ShortGap, StopInJunction];
+        for (a, b) in with_margins.into_iter().flat_map(|a| with_margins.map(|b| (a, b))) {
+            assert!(a.is_as_safe_as(b), "{a} {b}");
+        }
+        let order = [StopInJunction, NoMargin, Emergency(0), Emergency(1), Unproven];
+        for (i, safer) in order.into_iter().enumerate() {
+            for other in &order[i + 1..] {
+                assert!(safer.is_as_safe_as(*other) && !other.is_as_safe_as(safer), "{safer:?} {other:?}");
+            }
+        }
+        assert!(order.iter().all(|l| l.is_proven() == (*l != Unproven)));
+    }
+}

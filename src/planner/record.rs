@@ -229,7 +229,7 @@ pub enum Smoothing {
     /// The raw profile of the search, which passed reverification. Its acceleration has steps. Contains the reason why
     /// smoothing failed.
     Unsmoothed(smoothing::Failure),
-    /// No plan was ever proven: emergency braking.
+    /// No plan is proven: the raw profile, or full braking.
     EmergencyStop,
 }
 

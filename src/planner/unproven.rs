@@ -19,6 +19,9 @@ use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 
 /// Contacts within this time of each other count as simultaneous, s: a step of the planner's time slices.
 const SIMULTANEOUS: f64 = 0.1;
+/// Least deceleration of full braking, m/s². With less grip the vehicle stops nowhere in sight, and the path to its standstill
+/// would have no bound.
+const LEAST_BRAKING: f64 = 0.1;
 /// Length of the path beyond the standstill, m.
 const BEYOND: f64 = 1.0;
 
@@ -51,26 +54,13 @@ impl Planner<'_> {
                 return (committed_of(start, unproven, choice, profile, Smoothing::EmergencyStop), None);
             }
         }
-        let deceleration = self.unreserved.deceleration();
+        let deceleration = self.unreserved.deceleration().max(LEAST_BRAKING);
         let mut best = self.braking_on_arc(start, deceleration);
-        let hardest = levels.iter().rfind(|level| level.world == 1).copied();
-        for lane in 0..hardest.map_or(0, |_| self.lanes.as_ref().map_or(0, Vec::len)) {
-            let Some(level) = hardest else { break };
-            let paths = self.lattice_paths(start, lane, level, &mut record.edges);
-            let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { break };
-            let situation = self.situation(start, on, level);
-            for path in paths.iter().filter(|path| !situation.is_curve_speed_infeasible(path)) {
-                let sweeps: Vec<&Sweep> = path.sweeps.iter().map(AsRef::as_ref).collect();
-                let blocked_at = path.blocked_by.map(|what| (path.free_length, what));
-                let braking = self.braking_along(start, &path.path, &sweeps, blocked_at, deceleration);
-                if let Some(braking) = braking.filter(|b| b.is_better_than(&best)) {
-                    best = braking;
-                }
-            }
+        if let Some(hardest) = levels.iter().rfind(|level| level.world == 1) {
+            self.brake_on_lanes(start, *hardest, deceleration, &mut best, record);
         }
-        let Braking { trajectory, contact } = best;
         let committed = Committed {
-            trajectory,
+            trajectory: best.trajectory,
             deceleration,
             level: Level::Unproven,
             smoothing: Smoothing::EmergencyStop,
@@ -78,7 +68,31 @@ impl Planner<'_> {
             path_cost: 0.0,
             robust: false,
         };
-        (committed, contact)
+        (committed, best.contact)
+    }
+
+    /// Replaces `best` by full braking along a lattice path with a later or slower first contact.
+    fn brake_on_lanes(
+        &mut self,
+        start: &Start,
+        level: LevelLimits,
+        deceleration: f64,
+        best: &mut Braking,
+        record: &mut CycleRecord,
+    ) {
+        for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
+            let paths = self.lattice_paths(start, lane, level, &mut record.edges);
+            let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
+            let situation = self.situation(start, on, level);
+            for path in paths.iter().filter(|path| !situation.is_curve_speed_infeasible(path)) {
+                let sweeps: Vec<&Sweep> = path.sweeps.iter().map(AsRef::as_ref).collect();
+                let blocked_at = path.blocked_by.map(|what| (path.free_length, what));
+                let braking = self.braking_along(start, &path.path, &sweeps, blocked_at, deceleration);
+                if let Some(braking) = braking.filter(|b| b.is_better_than(best)) {
+                    *best = braking;
+                }
+            }
+        }
     }
 
     /// Full braking along the present curvature.
@@ -164,4 +178,45 @@ fn first_contact(
         Some(ExpectedContact { what: Blocker::Obstacle(blocked.obstacle), time, speed })
     };
     (0..grid.cells()).take_while(|c| visited(*c)).filter_map(visit).reduce(|a, b| if b.time < a.time { b } else { a })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::straight;
+    use crate::geometry::Pose;
+
+    fn braking(contact: Option<(f64, f64)>) -> Braking {
+        let path = straight(Pose::new(0.0, 0.0, 0.0), 10.0);
+        let trajectory = Trajectory { start_time: 0.0, path, profile: full_braking(4.0, 2.0) };
+        let contact = contact.map(|(time, speed)| ExpectedContact { what: Blocker::Obstacle(1), time, speed });
+        Braking { trajectory, contact }
+    }
+
+    #[test]
+    fn no_contact_is_best_then_a_late_one_then_a_slow_one() {
+        let order = [None, Some((2.0, 9.0)), Some((1.04, 3.0)), Some((1.01, 4.0)), Some((0.5, 1.0))];
+        for (i, better) in order.iter().enumerate() {
+            for worse in &order[i + 1..] {
+                assert!(braking(*better).is_better_than(&braking(*worse)), "{better:?} {worse:?}");
+                assert!(!braking(*worse).is_better_than(&braking(*better)), "{better:?} {worse:?}");
+            }
+        }
+        assert!(!braking(None).is_better_than(&braking(None)), "the first of equal ones stays");
+    }
+
+    /// v² = v₀² − 2as and t = (v₀ − v)/a, with v₀ = 10 m/s, a = 5 m/s²: standstill at 10 m after 2 s.
+    #[test]
+    fn arrivals_of_full_braking_are_those_of_the_closed_form() {
+        let profile = full_braking(10.0, 5.0);
+        assert!((profile.last().station - 10.0).abs() < 1e-12 && (profile.duration() - 2.0).abs() < 1e-12);
+        for station in [0.0, 1.0, 6.4, 9.9] {
+            let speed = (100.0_f64 - 10.0 * station).sqrt();
+            let contact = contact_at(&profile, 3.0, station, Blocker::RoadBoundary).unwrap();
+            assert!((contact.speed - speed).abs() < 1e-12, "{contact:?}");
+            assert!((contact.time - 3.0 - (10.0 - speed) / 5.0).abs() < 1e-12, "{contact:?}");
+        }
+        assert_eq!(contact_at(&profile, 3.0, 10.0, Blocker::RoadBoundary), None, "it stops there");
+        assert_eq!(full_braking(0.0, 5.0).duration(), 0.0);
+    }
 }
