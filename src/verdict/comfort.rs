@@ -361,12 +361,18 @@ mod tests {
                 assert_eq!(comfort(&s.vehicle, &s.log, &settings), expected);
             }
         }
-        // the limits are those of the preset, to the bit
-        let s = Story::clean();
-        let limits = s.settings.comfort.limits(&s.vehicle.comfort, s.settings.comfort_margin);
-        let checks = comfort(&s.vehicle, &s.log, &s.settings);
+        // from the first moments on, the limits are those of the preset, to the bit
+        let mut early = Story::clean();
+        for m in &mut early.log.samples {
+            m.acceleration -= bump(m.time, 0.01, 0.5, 3.0);
+            m.lateral_acceleration += bump(m.time, 0.01, 0.5, 3.6);
+        }
+        let limits = early.settings.comfort.limits(&early.vehicle.comfort, early.settings.comfort_margin);
         let expected = [limits.deceleration, limits.lateral_acceleration].map(f64::to_bits);
-        assert_eq!([checks[0].limit.to_bits(), checks[1].limit.to_bits()], expected);
+        for s in [Story::clean(), early] {
+            let checks = comfort(&s.vehicle, &s.log, &s.settings);
+            assert_eq!([checks[0].limit.to_bits(), checks[1].limit.to_bits()], expected);
+        }
     }
 
     #[test]
