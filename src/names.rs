@@ -21,13 +21,16 @@ display_by_name! {
     crate::bench::spirals::Method => label,
     crate::drive::Outcome => name,
     crate::planner::Decision => name,
+    crate::planner::Level => name,
     crate::planner::NoLane => code,
     crate::planner::Smoothing => code,
     crate::speed::ProofViolation => code,
     crate::speed::SpeedOutcome => code,
     crate::speed::Strategy => name,
     crate::speed::smoothing::Failure => code,
+    crate::verdict::Cause => name,
     crate::verdict::ComfortPreset => name,
+    crate::verdict::Side => name,
 }
 
 #[cfg(feature = "regression")]
@@ -77,8 +80,8 @@ impl fmt::Display for crate::collision::Blocker {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Obstacle(id) => f.pad(&format!("obstacle {id}")),
-            Self::OccupiedCell => f.pad("occupied cell"),
-            Self::RoadBoundary => f.pad("road boundary"),
+            Self::OccupiedCell => f.pad("an occupied cell"),
+            Self::RoadBoundary => f.pad("the road boundary"),
         }
     }
 }

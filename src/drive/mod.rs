@@ -144,7 +144,8 @@ pub fn planner<'a>(
     settings: &'a Settings,
 ) -> Result<Planner<'a>, PlannerError> {
     let ends = latest_end(&GoalWatch::new(scenario, problem), begin(scenario, problem), settings);
-    Planner::new(scenario, problem, vehicle, &settings.planner, ends)
+    let planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
+    Ok(planner.with_friction(settings.believed_friction()))
 }
 
 /// Drives the vehicle through the scenario in simulation and judges the run. `progress` receives the time of the run and its

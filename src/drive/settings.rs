@@ -56,6 +56,13 @@ impl RunSettings {
 }
 
 impl Settings {
+    /// Friction of the road that the planner assumes, as a factor on that of dry asphalt: the least that is known of. Injected
+    /// faults are unknown to it.
+    #[must_use]
+    pub fn believed_friction(&self) -> f64 {
+        self.friction.iter().map(|region| region.factor).fold(1.0, f64::min) * self.simulation.friction_scale
+    }
+
     /// Checks the range of every value, table by table.
     ///
     /// # Errors

@@ -13,13 +13,11 @@
 //! Limitations: no suspension, so no roll or pitch motion; both axles have the mean track width; the wheels' spin has
 //! no gyroscopic effect; the road is flat.
 
-use crate::vehicle::Vehicle;
+use crate::vehicle::{GRAVITY, Vehicle};
 
 use super::actuators::ActuatorState;
 use super::tyre::{Patch, Tyre};
 
-/// Gravity, m/s² (CGPM 1901 standard value).
-pub const GRAVITY: f64 = 9.806_65;
 /// Time constant of the load transfer, s: that of a car's body on its springs.
 const LOAD_LAG: f64 = 0.05;
 /// Share of a tyre's grip that anti-lock and traction control allow a torque to use.

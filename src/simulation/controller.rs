@@ -35,7 +35,7 @@ use crate::vehicle::{State, Vehicle};
 
 use self::inverse::{Drive, Inverse};
 use super::actuators::Command;
-use super::chassis::GRAVITY;
+use crate::vehicle::GRAVITY;
 
 /// Bandwidth of a loop times the lag of its actuator: see "Tuning" in the module documentation.
 const LAG_SHARE: f64 = 0.25;

@@ -23,8 +23,8 @@ mod settings;
 mod tyre;
 mod world;
 
+pub use crate::vehicle::GRAVITY;
 pub use actuators::Command;
-pub use chassis::GRAVITY;
 pub use controller::{Controller, TrackingController};
 pub use disturbances::{Disturbances, LocalisationNoise};
 pub use friction::{FrictionRegion, SURFACES, surface};

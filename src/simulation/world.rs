@@ -8,7 +8,7 @@ use rapier2d::math::Vector as RapierVector;
 
 use super::actuators::{ActuatorState, Command};
 use super::cells::{CELL, Cells};
-use super::chassis::{GRAVITY, Motion, RunningGear, Wrench, wheel_position};
+use super::chassis::{Motion, RunningGear, Wrench, wheel_position};
 use super::controller::{Controller, TrackingController};
 use super::convert::{Frame, point};
 use super::disturbances::{DeadTime, Disturbances, Localisation};
@@ -19,7 +19,7 @@ use super::{Contact, Log, Sample, Settings, SimulationError, Touched, controller
 use crate::geometry::{Point, Pose, Vector, wrap_angle};
 use crate::map::{Obstacle, OccupancyGrid};
 use crate::trajectory::{Trajectory, TrajectoryPoint};
-use crate::vehicle::{State, Vehicle};
+use crate::vehicle::{GRAVITY, State, Vehicle};
 
 /// A vehicle among obstacles at one instant of a run. A clone is an independent branch from there on: this is how a
 /// fallback is tested in the middle of a run.

@@ -6,11 +6,13 @@
 mod dynamics;
 mod footprint;
 mod mesh;
+mod proof;
 mod read;
 mod urdf;
 
 pub use footprint::{Footprint, FootprintError, MAX_CORNERS, MAX_PARTS, MAX_REACH};
 pub use mesh::MeshError;
+pub use proof::{CONTROL_SHARE, GRAVITY, ProofLimits};
 pub use read::{VehicleError, builtin_names, files_of, load};
 
 use crate::geometry::Pose;

@@ -31,7 +31,7 @@ pub(in crate::cli) struct DriveArgs {
     /// Friction of the road: dry, wet, ice or a factor for the whole road, or a file of [[friction]] tables
     ///
     /// A factor multiplies the tyres' friction and replaces the friction patches of --config. Each [[friction]] table of a
-    /// file is a patch with a `factor` and a `polygon`. The planner does not know the friction.
+    /// file is a patch with a `factor` and a `polygon`. The planner assumes the least friction of the road.
     #[arg(long, value_name = "FACTOR|FILE.toml", allow_negative_numbers = true, value_parser = Friction::parse,
           help_heading = "Simulation")]
     pub(in crate::cli) friction: Option<Friction>,

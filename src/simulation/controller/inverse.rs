@@ -20,8 +20,8 @@
 //! large slip, and the brake distribution of anti-lock is unknown here. Without the clamp, steering in emergency
 //! braking was worse; the feedback does better.
 
-use super::super::chassis::GRAVITY;
 use crate::trajectory::Path;
+use crate::vehicle::GRAVITY;
 use crate::vehicle::Vehicle;
 
 /// Largest share of the grip that is inverted: the flatter the curve, the less a force determines slip.

@@ -9,8 +9,8 @@ use std::f64::consts::PI;
 
 use nalgebra::Complex;
 
-use super::super::chassis::GRAVITY;
 use super::{lateral_bandwidth, longitudinal_bandwidth};
+use crate::vehicle::GRAVITY;
 use crate::vehicle::{self, Vehicle};
 
 type C = Complex<f64>;
