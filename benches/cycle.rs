@@ -10,13 +10,14 @@ use stopline::fixtures::{self, lanelet};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::lattice::refine::{Commitment, RefinementSettings, refined};
-use stopline::lattice::{EdgeStore, LatticeContext, LatticePath, Root, paths};
+use stopline::lattice::{EdgeStore, Lattice, LatticeContext, LatticePath, Root};
 use stopline::map::{
     Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem, RoadNetwork, Scenario, Shape, TimedPose,
 };
 use stopline::planner::{Cycle, Decision, Planner, Settings};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
-use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search, smoothing};
+use stopline::speed::smoothing::{self, Smoother};
+use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search};
 use stopline::vehicle::{Comfort, State, Vehicle};
 
 fn main() {
@@ -109,6 +110,7 @@ struct Stages {
     scenario: Scenario,
     vehicle: Vehicle,
     settings: Settings,
+    lattice: Lattice,
     world: CollisionWorld,
     reference: ReferenceLine,
 }
@@ -119,7 +121,8 @@ impl Stages {
         assert_eq!(scenario.obstacles.iter().filter(|o| !o.is_static()).count(), 30);
         let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 15.0).unwrap();
         let reference = ReferenceLine::new(&scenario.network, &[OWN], vehicle.width, &ReferenceSettings::default());
-        Self { world, reference: reference.unwrap(), scenario, vehicle, settings }
+        let lattice = Lattice::new(settings.lattice.clone()).unwrap();
+        Self { world, reference: reference.unwrap(), scenario, vehicle, settings, lattice }
     }
 
     fn context(&self) -> LatticeContext<'_> {
@@ -138,7 +141,7 @@ impl Stages {
     }
 
     fn paths(&self, store: &mut EdgeStore) -> Vec<LatticePath> {
-        paths(&self.context(), &self.root(), SPEED, 100.0, &self.settings.lattice, store).unwrap()
+        self.lattice.search(&self.context(), &self.root(), SPEED, 100.0, store).paths
     }
 
     /// The speed problem on the path of least cost, with a constant speed limit.
@@ -190,7 +193,7 @@ fn lattice_steady(bencher: Bencher) {
         // a new root each time, because the store caches the result for a root
         root.start = root.start.advanced(1e-4);
         root.pose = root.start;
-        paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut store).unwrap()
+        stages.lattice.search(&context, &root, SPEED, 100.0, &mut store)
     });
 }
 
@@ -202,7 +205,7 @@ fn refinement(bencher: Bencher) {
     let beside = stages.root();
     let pose = Pose { position: beside.pose.position + beside.pose.left() * 2.0, ..beside.pose };
     let root = Root { pose, start: pose, ..beside };
-    let found = paths(&context, &root, SPEED, 100.0, &stages.settings.lattice, &mut EdgeStore::default()).unwrap();
+    let found = stages.lattice.search(&context, &root, SPEED, 100.0, &mut EdgeStore::default()).paths;
     let (front, weights) = (stages.vehicle.front_overhang_from_rear_axle(), stages.settings.lattice.weights);
     let refine = |path: &LatticePath| {
         refined(&context, path, &Allowance::NONE, front, &weights, &Commitment::default(), &settings)
@@ -249,9 +252,8 @@ fn smoothing_and_proof(bencher: Bencher) {
     let problem = Stages::new().speed_problem();
     let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap().proven().expect("a plan");
     let raw = smoothing::raw_profile(&problem, &found).unwrap();
-    let settings = smoothing::Settings::default();
-    bencher
-        .bench_local(|| smoothing::smooth_and_prove(black_box(&problem), &problem.speed_limits, &raw, 0.0, &settings));
+    let smoother = Smoother::new(smoothing::Settings::default()).unwrap();
+    bencher.bench_local(|| smoother.smooth_and_prove(black_box(&problem), &problem.speed_limits, &raw, 0.0));
 }
 
 /// The first cycle of a run. The setup (scenario, routes, collision worlds, reference lines) is not timed.

@@ -7,7 +7,7 @@ use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld}
 use stopline::fixtures;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
-use stopline::lattice::{EdgeStore, LatticeContext, LatticePath, Root, SearchResult, Settings, search};
+use stopline::lattice::{EdgeStore, Lattice, LatticeContext, LatticePath, Root, SearchResult, Settings};
 use stopline::map::{Lanelet, Motion, Neighbour, Obstacle};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 
@@ -47,7 +47,7 @@ fn searched_with(
     let context =
         LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width };
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
-    search(&context, &root, speed, horizon, &Settings::default(), &mut EdgeStore::default()).unwrap()
+    Lattice::new(Settings::default()).unwrap().search(&context, &root, speed, horizon, &mut EdgeStore::default())
 }
 
 /// Smallest distance between the vehicle on a path and an axis-aligned rectangle, m, by points of the vehicle's outline

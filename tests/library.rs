@@ -5,10 +5,10 @@ mod common;
 use common::{VEHICLE, bundled};
 use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
 use stopline::fixtures::straight_lanelet;
-use stopline::lattice::{self, EdgeStore, LatticeContext, Root};
+use stopline::lattice::{self, EdgeStore, Lattice, LatticeContext, Root};
 use stopline::planner::{self, Planner};
 use stopline::reference::{ReferenceFailure, ReferenceLine, ReferenceSettings};
-use stopline::speed::smoothing::{self, raw_profile, smooth_and_prove};
+use stopline::speed::smoothing::{self, Smoother, raw_profile};
 use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search};
 use stopline::{DriveError, Settings, drive, simulation};
 
@@ -39,6 +39,25 @@ fn the_planner_refuses_settings_out_of_their_range() {
 }
 
 #[test]
+fn the_planner_refuses_a_road_without_friction() {
+    let scenario = bundled("straight_100m");
+    let settings = planner::Settings::default();
+    let planner = || Planner::new(&scenario, &scenario.problems[0], &VEHICLE, &settings, 10.0).unwrap();
+    assert!(planner().with_friction(0.15).is_ok() && planner().with_friction(10.0).is_ok());
+    for (wrong, shown) in [(0.0, "0"), (-1.0, "-1"), (11.0, "11"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        let message = planner().with_friction(wrong).err().expect("refused").to_string();
+        let expected = "it must be positive, and at most 10 times that of dry asphalt";
+        assert_eq!(message, format!("setting `friction` is {shown}, {expected}"));
+    }
+    // the least of several numbers would skip one that is none
+    let polygon = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]];
+    let friction = vec![simulation::FrictionRegion { factor: f64::NAN, polygon }];
+    let settings = Settings { friction, ..Settings::default() };
+    let refused = drive::planner(&scenario, &scenario.problems[0], &VEHICLE, &settings).err().expect("refused");
+    assert!(refused.to_string().starts_with("setting `friction[0].factor` is NaN"), "{refused}");
+}
+
+#[test]
 fn a_drive_refuses_wrong_settings_of_every_stage() {
     let scenario = bundled("straight_100m");
     let refused = |change: &dyn Fn(&mut Settings)| {
@@ -62,7 +81,7 @@ fn network() -> stopline::map::RoadNetwork {
 }
 
 #[test]
-fn a_lattice_search_refuses_wrong_settings() {
+fn a_lattice_refuses_wrong_settings() {
     let scenario = stopline::fixtures::scenario(network(), vec![]);
     let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
     let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 0.0).unwrap();
@@ -75,16 +94,13 @@ fn a_lattice_search_refuses_wrong_settings() {
     };
     let start = reference.offset_pose(10.0, 0.0).unwrap().pose;
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
-    let search = |settings: &lattice::Settings| {
-        let found = lattice::search(&context, &root, 8.0, 40.0, settings, &mut EdgeStore::default());
-        found.map(|found| found.paths.len()).map_err(|e| e.field)
-    };
-    assert!(search(&lattice::Settings::default()).unwrap() > 0);
-    let wrong = lattice::Settings { offset_spacing: 0.0, ..lattice::Settings::default() };
-    assert_eq!(search(&wrong), Err("offset_spacing".into()));
+    let lattice = Lattice::new(lattice::Settings::default()).unwrap();
+    assert!(!lattice.search(&context, &root, 8.0, 40.0, &mut EdgeStore::default()).paths.is_empty());
+    let refused = |settings: lattice::Settings| Lattice::new(settings).unwrap_err().field;
+    assert_eq!(refused(lattice::Settings { offset_spacing: 0.0, ..lattice::Settings::default() }), "offset_spacing");
     let mut wrong = lattice::Settings::default();
     wrong.weights.curvature = -1.0;
-    assert_eq!(search(&wrong), Err("weights.curvature".into()));
+    assert_eq!(refused(wrong), "weights.curvature");
 }
 
 #[test]
@@ -104,13 +120,10 @@ fn smoothing_refuses_wrong_settings() {
     let problem = SpeedProblem::empty_road(60.0, 0.5, 10.0, 5.0, limits).unwrap();
     let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
     let raw = raw_profile(&problem, &found.proven().expect("a plan")).unwrap();
-    let smooth = |step: f64| {
-        let settings = smoothing::Settings { step, ..smoothing::Settings::default() };
-        let field = settings.validate().err().map(|e| e.field);
-        (field, smooth_and_prove(&problem, &problem.speed_limits, &raw, 0.0, &settings).map(|s| s.is_firm))
-    };
-    assert_eq!(smooth(0.2), (None, Ok(false)));
+    let smoother = |step: f64| Smoother::new(smoothing::Settings { step, ..smoothing::Settings::default() });
+    let smooth = smoother(0.2).unwrap().smooth_and_prove(&problem, &problem.speed_limits, &raw, 0.0);
+    assert_eq!(smooth.map(|s| s.is_firm), Ok(false));
     for wrong in [0.0, -0.2, f64::NAN] {
-        assert_eq!(smooth(wrong), (Some("step".into()), Err(smoothing::Failure::NoSolution)));
+        assert_eq!(smoother(wrong).unwrap_err().field, "step");
     }
 }

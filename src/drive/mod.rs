@@ -136,16 +136,17 @@ impl<'p> Driver<'p> {
 /// The planner that [`drive`] uses. It knows the latest end of the run.
 ///
 /// # Errors
-/// A setting of the planner out of its range.
+/// A setting out of its range, also one of the simulation or of the run: the planner uses the friction and the end of the run.
 pub fn planner<'a>(
     scenario: &'a Scenario,
     problem: &'a PlanningProblem,
     vehicle: &'a Vehicle,
     settings: &'a Settings,
 ) -> Result<Planner<'a>, PlannerError> {
+    settings.validate()?;
     let ends = latest_end(&GoalWatch::new(scenario, problem), begin(scenario, problem), settings);
     let planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
-    Ok(planner.with_friction(settings.believed_friction()))
+    planner.with_friction(settings.believed_friction())
 }
 
 /// Drives the vehicle through the scenario in simulation and judges the run. `progress` receives the time of the run and its

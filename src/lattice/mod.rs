@@ -215,46 +215,52 @@ pub struct SearchResult {
     pub counts: EdgeCounts,
 }
 
-/// The paths of [`search()`].
-///
-/// # Errors
-/// A setting out of its range.
-pub fn paths(
-    context: &LatticeContext<'_>,
-    root: &Root,
-    speed: f64,
-    horizon: f64,
-    settings: &Settings,
-    store: &mut EdgeStore,
-) -> Result<Vec<LatticePath>, SettingsError> {
-    Ok(search(context, root, speed, horizon, settings, store)?.paths)
+/// The lattice with valid settings, so that no search can fail or hang because of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lattice {
+    settings: Settings,
 }
 
-/// Searches for the cheapest chains of edges from `root` through the layers up to `horizon` metres ahead, at most
-/// [`Settings::candidates`]. `speed` (m/s) determines the distance between layers.
-///
-/// # Errors
-/// A setting out of its range.
-pub fn search(
-    context: &LatticeContext<'_>,
-    root: &Root,
-    speed: f64,
-    horizon: f64,
-    settings: &Settings,
-    store: &mut EdgeStore,
-) -> Result<SearchResult, SettingsError> {
-    settings.validate()?;
-    let query =
-        store::SearchQuery { root: root.clone(), speed, full_speed_curvature: context.full_speed_curvature, horizon };
-    if let Some(result) = store.recent.get(&query) {
-        return Ok(result);
+impl Lattice {
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// A setting out of its range.
+    pub fn new(settings: Settings) -> Result<Self, SettingsError> {
+        settings.validate()?;
+        Ok(Self { settings })
     }
-    store.drop_before(context.reference.project(root.start.position).s - KEPT_BEHIND, settings);
-    let here = context.reference.project(root.pose.position).s;
-    let stations = layers::ahead(context.reference, here, speed, horizon, settings);
-    let result = search::Search::new(context, root, &stations, horizon, settings, store).run();
-    store.recent.keep(query, &result);
-    Ok(result)
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Searches for the cheapest chains of edges from `root` through the layers up to `horizon` metres ahead, at most
+    /// [`Settings::candidates`]. `speed` (m/s) determines the distance between layers.
+    #[must_use]
+    pub fn search(
+        &self,
+        context: &LatticeContext<'_>,
+        root: &Root,
+        speed: f64,
+        horizon: f64,
+        store: &mut EdgeStore,
+    ) -> SearchResult {
+        let settings = &self.settings;
+        let full_speed_curvature = context.full_speed_curvature;
+        let query = store::SearchQuery { root: root.clone(), speed, full_speed_curvature, horizon };
+        if let Some(result) = store.recent.get(&query) {
+            return result;
+        }
+        store.drop_before(context.reference.project(root.start.position).s - KEPT_BEHIND, settings);
+        let here = context.reference.project(root.pose.position).s;
+        let stations = layers::ahead(context.reference, here, speed, horizon, settings);
+        let result = search::Search::new(context, root, &stations, horizon, settings, store).run();
+        store.recent.keep(query, &result);
+        result
+    }
 }
 
 /// Cached edges that end farther behind the vehicle than this are dropped, m.

@@ -31,7 +31,7 @@ impl NodeEdges {
 }
 
 /// Cache of lattice edges. Edges between nodes depend only on the reference line and the static world and are valid for
-/// many cycles. The last results of [`super::search()`] are cached as well, since several attempts of a cycle repeat them. A
+/// many cycles. The last results of [`super::Lattice::search`] are cached as well, since several attempts of a cycle repeat them. A
 /// store belongs to one reference line, one collision world and one set of settings.
 #[derive(Debug, Clone, Default)]
 pub struct EdgeStore {
@@ -115,7 +115,7 @@ impl EdgeStore {
 /// Length of the sweep at a node, m.
 const NODE_LENGTH: f64 = 0.05;
 
-/// Arguments of [`super::search()`].
+/// Arguments of [`super::Lattice::search`].
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SearchQuery {
     pub(super) root: Root,

@@ -22,7 +22,7 @@ fn search(
     settings: &Settings,
     store: &mut EdgeStore,
 ) -> SearchResult {
-    super::search(context, root, speed, horizon, settings, store).unwrap()
+    Lattice::new(settings.clone()).unwrap().search(context, root, speed, horizon, store)
 }
 
 fn paths(

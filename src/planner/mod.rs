@@ -48,11 +48,12 @@ use self::level::LevelLimits;
 use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
-use crate::lattice::{EdgeCounts, LatticeContext, LatticePath, Root, rank, search};
+use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
 pub use crate::settings::SettingsError;
-use crate::speed::smoothing::{self, Smoothed};
+use crate::settings::positive;
+use crate::speed::smoothing::{self, Smoothed, Smoother};
 use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
@@ -68,6 +69,8 @@ pub struct Planner<'a> {
     /// The limits without the controller's reserve, for plans without a proof.
     unreserved: ProofLimits,
     settings: &'a Settings,
+    lattice: Lattice,
+    smoother: Smoother,
     /// The collision worlds: with margins, without margins, without margins at a fine resolution.
     worlds: [CollisionWorld; 3],
     lanes: Result<Vec<Lane>, NoLane>,
@@ -128,6 +131,8 @@ impl<'a> Planner<'a> {
         end_time: f64,
     ) -> Result<Self, PlannerError> {
         settings.validate()?;
+        let lattice = Lattice::new(settings.lattice.clone()).map_err(|e| e.in_table("lattice"))?;
+        let smoother = Smoother::new(smoothing::Settings { jerk: settings.jerk, ..smoothing::Settings::default() })?;
         let prediction_end = scenario.obstacles.iter().map(|o| o.lifetime().1).filter(|t| t.is_finite());
         let horizon = prediction_end.fold(0.0, f64::max).min(end_time + PREDICTION_BEYOND_END);
         let bare = crate::collision::CollisionSettings {
@@ -155,6 +160,8 @@ impl<'a> Planner<'a> {
             limits,
             unreserved,
             settings,
+            lattice,
+            smoother,
             worlds,
             lanes,
             traffic,
@@ -166,11 +173,14 @@ impl<'a> Planner<'a> {
     }
 
     /// Plans for a road whose friction is believed to be `friction` times that of dry asphalt.
-    #[must_use]
-    pub fn with_friction(self, friction: f64) -> Self {
+    ///
+    /// # Errors
+    /// The friction is not a positive number up to 10: proofs would not hold for it.
+    pub fn with_friction(self, friction: f64) -> Result<Self, PlannerError> {
+        positive("friction", friction, HIGHEST_FRICTION, "times that of dry asphalt")?;
         let limits = ProofLimits::new(&self.vehicle, friction);
         let unreserved = ProofLimits::unreserved(&self.vehicle, friction);
-        Self { vehicle: limits.applied_to(&self.vehicle), limits, unreserved, ..self }
+        Ok(Self { vehicle: limits.applied_to(&self.vehicle), limits, unreserved, ..self })
     }
 
     /// The reason why there is no lane to drive on; `None` if there is one.
@@ -330,8 +340,7 @@ impl<'a> Planner<'a> {
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.stores[level.world];
-            // the settings are valid: see `Planner::new`
-            let Ok(found) = search(&context, root, speed, horizon, &self.settings.lattice, store) else { continue };
+            let found = self.lattice.search(&context, root, speed, horizon, store);
             counts.add(&found.counts);
             for mut path in found.paths {
                 path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
@@ -387,14 +396,8 @@ impl<'a> Planner<'a> {
     /// The jerk-limited profile of the choice if it passes reverification, else the raw profile.
     fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
         let Proven { problem, target_speed_limits, raw_profile, .. } = &*choice.proven;
-        let settings = smoothing::Settings { jerk: self.settings.jerk, ..smoothing::Settings::default() };
-        match smoothing::smooth_and_prove(
-            problem,
-            target_speed_limits,
-            raw_profile,
-            start.point.acceleration,
-            &settings,
-        ) {
+        let acceleration = start.point.acceleration;
+        match self.smoother.smooth_and_prove(problem, target_speed_limits, raw_profile, acceleration) {
             Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
             Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
             Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why)),
@@ -436,6 +439,8 @@ impl<'a> Planner<'a> {
     }
 }
 
+/// Largest friction of the road that the planner accepts, as a factor on that of dry asphalt: as for the simulation.
+const HIGHEST_FRICTION: f64 = 10.0;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
 /// Remaining margin of the collision world without margins, m: the smallest tracking error.

@@ -4,7 +4,7 @@ use super::{LEGEND, band, dot, framed, label, legend_row, sheet, stroke};
 use crate::collision::{CollisionSettings, CollisionWorld, Margins, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::{Point, Pose, wrap_angle};
-use crate::lattice::{EdgeStore, LatticeContext, LatticePath, Root, Settings, paths};
+use crate::lattice::{EdgeStore, Lattice, LatticeContext, LatticePath, Root, Settings};
 use crate::map::Scenario;
 use crate::plot::axes::Area;
 use crate::plot::outline::{Bounds, obstacle_outlines};
@@ -29,7 +29,7 @@ pub(super) struct LatticeScene<'a> {
     vehicle: &'a Vehicle,
     world: CollisionWorld,
     reference: ReferenceLine,
-    settings: Settings,
+    lattice: Lattice,
 }
 
 /// A lattice edge.
@@ -52,7 +52,8 @@ impl<'a> LatticeScene<'a> {
         let settings = ReferenceSettings::default();
         let reference = ReferenceLine::new(&scenario.network, &lane.lanelets, vehicle.width, &settings).ok()?;
         let world = CollisionWorld::new(scenario, vehicle, &CollisionSettings::default(), 0.0).ok()?;
-        Some(Self { scenario, vehicle, world, reference, settings: Settings::default() })
+        let lattice = Lattice::new(Settings::default()).ok()?;
+        Some(Self { scenario, vehicle, world, reference, lattice })
     }
 
     fn context(&self) -> LatticeContext<'_> {
@@ -71,7 +72,7 @@ impl<'a> LatticeScene<'a> {
         let allowance = crate::collision::Allowance::NONE;
         let root = Root { pose: start.pose, curvature: start.curvature, kept: vec![], start: start.pose, allowance };
         let mut store = EdgeStore::default();
-        paths(&self.context(), &root, SPEED, HORIZON, &self.settings, &mut store).ok()?.into_iter().next()
+        self.lattice.search(&self.context(), &root, SPEED, HORIZON, &mut store).paths.into_iter().next()
     }
 
     /// The nodes of each layer of the path, beginning with its start.
@@ -80,11 +81,12 @@ impl<'a> LatticeScene<'a> {
         let last = chain.path.at(chain.path.length()).pose.position;
         let stations = ends.chain([last]).map(|p| self.reference.project(p).s);
         #[allow(clippy::cast_possible_truncation)] // a dozen
-        let widest = (self.settings.offset_limit / self.settings.offset_spacing) as i32;
+        let settings = self.lattice.settings();
+        let widest = (settings.offset_limit / settings.offset_spacing) as i32;
         let layer = |(i, s): (usize, f64)| {
             let offsets = if i == 0 { 0..=0 } else { -widest..=widest };
             offsets
-                .filter_map(|l| self.reference.offset_pose(s, f64::from(l) * self.settings.offset_spacing))
+                .filter_map(|l| self.reference.offset_pose(s, f64::from(l) * settings.offset_spacing))
                 .filter(|node| i == 0 || self.is_on_road(&node.pose))
                 .collect()
         };
@@ -105,7 +107,7 @@ impl<'a> LatticeScene<'a> {
 
     fn edge(&self, from: &PathPoint, to: &PathPoint) -> Option<Edge> {
         let end = Pose { position: from.pose.to_local(to.pose.position), yaw: wrap_angle(to.pose.yaw - from.pose.yaw) };
-        if end.position.y.abs() > self.settings.max_slope * end.position.x {
+        if end.position.y.abs() > self.lattice.settings().max_slope * end.position.x {
             return None;
         }
         let spiral = connect(from.curvature, &end, to.curvature).ok()?;

@@ -154,7 +154,7 @@ fn thinned(bounds: &[Bound], merge: impl Fn(&Bound, &Bound) -> Bound, clearance:
 mod tests {
     use super::*;
     use crate::speed::prove;
-    use crate::speed::smoothing::{Settings, smooth_and_prove};
+    use crate::speed::smoothing::{Settings, Smoother};
     use crate::speed::test_support::empty_road;
     use crate::speed::{Resolution, Strategy, search, smoothing::raw_profile};
     use proptest::prelude::*;
@@ -233,7 +233,8 @@ mod tests {
             let found = search(&problem, Strategy::SafeTlp, &Resolution::default()).unwrap();
             let Some(raw) = found.proven().and_then(|plan| raw_profile(&problem, &plan)) else { return Ok(()) };
             let corridor = Corridor::new(&problem, &raw);
-            let Ok(smooth) = smooth_and_prove(&problem, &problem.speed_limits, &raw, 0.0, &Settings::default()) else {
+            let smoother = Smoother::new(Settings::default()).unwrap();
+            let Ok(smooth) = smoother.smooth_and_prove(&problem, &problem.speed_limits, &raw, 0.0) else {
                 return Ok(());
             };
             prop_assert_eq!(prove(&problem, &smooth.profile), Ok(()));

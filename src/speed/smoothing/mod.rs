@@ -130,8 +130,7 @@ pub struct Smoothed {
 /// Why there is no smoothed profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
-    /// `no_solution`: the program is infeasible, the solver failed, or a setting is out of its range
-    /// ([`Settings::validate`]).
+    /// `no_solution`: the program is infeasible, or the solver failed.
     NoSolution,
     /// The proof of the solutions failed; the code names the violation of the last one ([`ProofViolation::CODES`]).
     ReverificationFailed(&'static str),
@@ -153,35 +152,50 @@ impl Failure {
     }
 }
 
-/// Smooths a raw profile from `start_acceleration` (m/s²) on and proves the result for `problem`. The program aims at
-/// `target_speed_limits` (m/s at each node), which may lie below the limits of the problem.
-///
-/// # Errors
-/// [`Failure`] of the attempt with the firm jerk.
-pub fn smooth_and_prove(
-    problem: &SpeedProblem,
-    target_speed_limits: &[f64],
-    raw: &SpeedProfile,
-    start_acceleration: f64,
-    settings: &Settings,
-) -> Result<Smoothed, Failure> {
-    if settings.validate().is_err() {
-        return Err(Failure::NoSolution);
+/// The smoothing with valid settings, so that a [`Failure`] is one of the profile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Smoother {
+    settings: Settings,
+}
+
+impl Smoother {
+    /// Checks the settings.
+    ///
+    /// # Errors
+    /// A setting out of its range.
+    pub fn new(settings: Settings) -> Result<Self, SettingsError> {
+        settings.validate()?;
+        Ok(Self { settings })
     }
-    let Some(program) = Program::new(problem, target_speed_limits, raw, start_acceleration, settings) else {
-        // a permanent standstill needs no smoothing
-        let profile = raw.clone();
-        return match prove(problem, &profile) {
-            Ok(()) => Ok(Smoothed { profile, is_firm: false }),
-            Err(why) => Err(Failure::ReverificationFailed(why.code())),
+
+    /// Smooths a raw profile from `start_acceleration` (m/s²) on and proves the result for `problem`. The program aims at
+    /// `target_speed_limits` (m/s at each node), which may lie below the limits of the problem.
+    ///
+    /// # Errors
+    /// [`Failure`] of the attempt with the firm jerk.
+    pub fn smooth_and_prove(
+        &self,
+        problem: &SpeedProblem,
+        target_speed_limits: &[f64],
+        raw: &SpeedProfile,
+        start_acceleration: f64,
+    ) -> Result<Smoothed, Failure> {
+        let settings = &self.settings;
+        let Some(program) = Program::new(problem, target_speed_limits, raw, start_acceleration, settings) else {
+            // a permanent standstill needs no smoothing
+            let profile = raw.clone();
+            return match prove(problem, &profile) {
+                Ok(()) => Ok(Smoothed { profile, is_firm: false }),
+                Err(why) => Err(Failure::ReverificationFailed(why.code())),
+            };
         };
-    };
-    let comfortable = solve_and_prove(problem, &program, raw, settings.jerk);
-    if let Ok(profile) = comfortable {
-        return Ok(Smoothed { profile, is_firm: false });
+        let comfortable = solve_and_prove(problem, &program, raw, settings.jerk);
+        if let Ok(profile) = comfortable {
+            return Ok(Smoothed { profile, is_firm: false });
+        }
+        let firm = settings.firm_jerk.max(settings.jerk);
+        solve_and_prove(problem, &program, raw, firm).map(|profile| Smoothed { profile, is_firm: true })
     }
-    let firm = settings.firm_jerk.max(settings.jerk);
-    solve_and_prove(problem, &program, raw, firm).map(|profile| Smoothed { profile, is_firm: true })
 }
 
 /// A proved solution within a jerk limit (m/s³). The first program contains only the rows that are likely to be active,
@@ -221,11 +235,20 @@ mod tests {
         raw_profile(problem, &found.proven().expect("a plan")).unwrap()
     }
 
+    /// Smoothing with valid settings up to the speed limits of the problem.
+    fn smooth_and_prove(
+        problem: &SpeedProblem,
+        raw: &SpeedProfile,
+        acceleration: f64,
+        settings: Settings,
+    ) -> Result<Smoothed, Failure> {
+        Smoother::new(settings).unwrap().smooth_and_prove(problem, &problem.speed_limits, raw, acceleration)
+    }
+
     fn check(problem: &SpeedProblem, start_acceleration: f64) -> SpeedProfile {
         let raw = raw(problem);
         let settings = Settings::default();
-        let smooth =
-            smooth_and_prove(problem, &problem.speed_limits, &raw, start_acceleration, &settings).expect("solvable");
+        let smooth = smooth_and_prove(problem, &raw, start_acceleration, settings).expect("solvable");
         assert!(!smooth.is_firm);
         let smooth = smooth.profile;
         assert_eq!(prove(problem, &smooth), Ok(()));
@@ -279,7 +302,7 @@ mod tests {
         });
         let smooth = |jerk| {
             let settings = Settings { jerk, firm_jerk: 10.0, ..Settings::default() };
-            smooth_and_prove(&problem, &problem.speed_limits, &raw, 0.0, &settings).expect("a solution")
+            smooth_and_prove(&problem, &raw, 0.0, settings).expect("a solution")
         };
         let (gentle, firm) = (smooth(8.0), smooth(1.0));
         assert!(!gentle.is_firm && firm.is_firm);
@@ -297,7 +320,7 @@ mod tests {
         let stays =
             SpeedProfile::new(vec![SpeedKnot { time: 0.0, station: 0.0, speed: 0.0, acceleration: 0.0, jerk: 0.0 }]);
         let stays = stays.unwrap();
-        let same = smooth_and_prove(&problem, &problem.speed_limits, &stays, -0.2, &Settings::default()).unwrap();
+        let same = smooth_and_prove(&problem, &stays, -0.2, Settings::default()).unwrap();
         assert_eq!(same.profile, stays);
     }
 
@@ -310,7 +333,7 @@ mod tests {
             SpeedKnot { time: 0.3, station: 1.5, speed: 0.0, acceleration: 0.0, jerk: 0.0 },
         ])
         .unwrap();
-        let found = smooth_and_prove(&problem, &problem.speed_limits, &short, 0.0, &Settings::default());
+        let found = smooth_and_prove(&problem, &short, 0.0, Settings::default());
         assert_eq!(found, Err(Failure::NoSolution));
     }
 }
