@@ -119,6 +119,25 @@ fn an_empty_shard_passes_and_says_so() {
 }
 
 #[test]
+fn a_misspelt_check_or_metric_is_an_error_of_the_suite_and_nothing_is_driven() {
+    for (wrong, words) in [
+        (
+            "checks = [\"no_contcat\"]",
+            ["suite.toml:2: ", "`checks`: there is no check `no_contcat`, expected", "`no_contact`?"],
+        ),
+        (
+            "limits = { distanc_m = 1 }",
+            ["suite.toml:2: ", "`limits`: there is no metric `distanc_m`, expected", "`distance_m`?"],
+        ),
+    ] {
+        let place = Place::new(&format!("# roads\n[[drive]]\nscenarios = \"*.xml\"\n{wrong}\n"));
+        let output = place.check(&["--json", "-"]);
+        says(&output, 3, &words);
+        assert!(output.stdout.is_empty(), "no report: {output:?}");
+    }
+}
+
+#[test]
 fn exit_1_if_a_drive_fails() {
     let place = Place::new("[[drive]]\nscenarios = \"*.xml\"\nsettings.run.longest = 1.0\n");
     says(&place.check(&["--html", "r.html"]), 1, &["1 FAIL", "outcome: timed_out, expected goal_reached"]);

@@ -45,18 +45,28 @@ pub(super) static METRICS: LazyLock<BTreeSet<String>> = LazyLock::new(|| {
 pub(super) fn validate<S>(entry: &Entry<S>) -> Result<(), String> {
     for name in entry.checks.iter().flatten() {
         if !CHECKS.contains(&name.as_str()) {
-            return Err(unknown("checks", "check", name, CHECKS));
+            let expected = format!("one of {}", CHECKS.join(", "));
+            return Err(unknown(("checks", "check"), name, &expected, CHECKS));
         }
     }
     let limits = entry.limits.iter().flat_map(|l| l.keys()).map(|name| ("limits", name));
     let tolerances = entry.tolerances.iter().flat_map(|t| t.keys()).map(|name| ("tolerances", name));
     match limits.chain(tolerances).find(|(_, name)| !METRICS.contains(*name)) {
-        Some((key, name)) => Err(unknown(key, "metric", name, METRICS.iter().map(String::as_str))),
+        Some((key, name)) => {
+            let expected = "a check, or a number in `metrics` or `planning` of a drive's JSON";
+            Err(unknown((key, "metric"), name, expected, METRICS.iter().map(String::as_str)))
+        }
         None => Ok(()),
     }
 }
 
-fn unknown<'a>(key: &str, what: &str, name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+/// The message about a name of a check or a metric (`what`) under a key.
+fn unknown<'a>(
+    (key, what): (&str, &str),
+    name: &str,
+    expected: &str,
+    known: impl IntoIterator<Item = &'a str>,
+) -> String {
     let near = nearest(name, known).map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
-    format!("`{key}`: there is no {what} `{name}`{near}")
+    format!("`{key}`: there is no {what} `{name}`, expected {expected}{near}")
 }

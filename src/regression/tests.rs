@@ -98,16 +98,24 @@ fn errors_name_the_cause_and_the_line() {
         (&format!("{drive}tolerances = {{ tracking = 1 }}"), &["a.xml@bmw_320i", "no `baseline`"]),
         (
             &format!("\n{drive}checks = [\"stops\", \"no_contcat\"]"),
-            &["suite.toml:2:", "`checks`: there is no check `no_contcat`; did you mean `no_contact`?"],
+            &[
+                "suite.toml:2:",
+                "`checks`: there is no check `no_contcat`, expected one of simulation, no_contact, stays_on_road, ",
+                "; did you mean `no_contact`?",
+            ],
         ),
         (&format!("{drive}checks = [\"distance_m\"]"), &["`checks`: there is no check `distance_m`"]),
         (
             &format!("{drive}limits = {{ distanc_m = 1 }}"),
-            &["suite.toml:1:", "`limits`: there is no metric `distanc_m`; did you mean `distance_m`?"],
+            &[
+                "suite.toml:1:",
+                "`limits`: there is no metric `distanc_m`, expected a check, or a number in `metrics` or `planning`",
+                "; did you mean `distance_m`?",
+            ],
         ),
         (
             &format!("baseline = \"b.json\"\n[defaults]\ntolerances = {{ \"smoothing.fim\" = 1 }}\n{drive}"),
-            &["suite.toml:2:", "`tolerances`: there is no metric `smoothing.fim`; did you mean `smoothing.firm`?"],
+            &["suite.toml:2:", "`tolerances`: there is no metric `smoothing.fim`, ", "did you mean `smoothing.firm`?"],
         ),
         (&format!("{drive}settings.planner.cruise_sped = 1.0"), &["line 3", "did you mean `cruise_speed`?"]),
         (&format!("{drive}[drive.settings.run]\nlongest = true"), &["line 4"]),
