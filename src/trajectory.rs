@@ -76,6 +76,16 @@ impl Path {
             .collect()
     }
 
+    /// The spirals between two stations (m, clamped to the path); empty if they are closer than [`SHORTEST`].
+    #[must_use]
+    pub fn part(&self, from: f64, to: f64) -> Vec<CubicSpiral> {
+        let inside = |p: &Piece| {
+            let (begins, ends) = ((from - p.station).max(0.0), (to - p.station).min(p.spiral.length));
+            (ends - begins > SHORTEST).then(|| p.spiral.part(begins, ends))
+        };
+        self.pieces.iter().filter_map(inside).collect()
+    }
+
     /// The spirals with their start stations (m) and start poses.
     pub fn pieces(&self) -> impl Iterator<Item = (f64, &Pose, &CubicSpiral)> {
         self.pieces.iter().map(|p| (p.station, &p.start, &p.spiral))
@@ -164,6 +174,9 @@ impl SpeedProfile {
         self.last().speed == 0.0
     }
 }
+
+/// Shorter spirals are left out, m: far below any tracking error.
+const SHORTEST: f64 = 1e-6;
 
 /// A path with a speed profile and a start time.
 #[derive(Debug, Clone, PartialEq)]

@@ -35,6 +35,8 @@ pub(super) struct CommittedPlan<'a> {
     pose: Pose,
     /// Station of that point on the path of the plan, m.
     station: f64,
+    /// Station at which the plan took effect, m.
+    begins: f64,
 }
 
 /// Distance between compared points, m.
@@ -49,8 +51,9 @@ const FINAL_APPROACH: f64 = 4.0;
 const WORTH_MOVING: f64 = 1.0;
 
 impl<'a> CommittedPlan<'a> {
-    pub(super) fn new(plan: &'a Trajectory, here: &TrajectoryPoint) -> Self {
-        Self { plan, pose: here.pose, station: here.station }
+    /// `begins`: length of the lead, m.
+    pub(super) fn new(plan: &'a Trajectory, begins: f64, here: &TrajectoryPoint) -> Self {
+        Self { plan, pose: here.pose, station: here.station, begins }
     }
 
     /// The remainder of the present edge with its end; `None` if it is too short to keep.
@@ -84,9 +87,9 @@ impl<'a> CommittedPlan<'a> {
         self.departure(path) > SAME_PATH
     }
 
-    /// Distance driven on the committed plan, m.
+    /// Distance driven on the committed plan since it took effect, m.
     pub(super) fn driven_distance(&self) -> f64 {
-        self.station
+        (self.station - self.begins).max(0.0)
     }
 
     /// Progress of the committed plan from here at a time (s of the run), m.
@@ -116,7 +119,7 @@ mod tests {
     }
 
     fn at_station(plan: &Trajectory, station: f64) -> CommittedPlan<'_> {
-        CommittedPlan { plan, pose: plan.path.at(station).pose, station }
+        CommittedPlan { plan, pose: plan.path.at(station).pose, station, begins: 0.0 }
     }
 
     fn straight_from(x: f64, y: f64, yaw: f64) -> Path {

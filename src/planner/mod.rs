@@ -2,8 +2,8 @@
 //!
 //! # A cycle
 //!
-//! 1. It starts from the committed trajectory, so that the setpoints stay continuous. After a large tracking error it
-//!    starts from the measured state instead.
+//! 1. It starts from the committed trajectory, so that the setpoints stay continuous, where the vehicle will be when the brakes
+//!    can respond ([`lead`]). After a large tracking error it starts from the measured state instead.
 //! 2. It builds lattice paths on every lane that leads to the goal.
 //! 3. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
 //!    stop is proven**.
@@ -26,6 +26,7 @@ mod choice;
 mod goal;
 mod hysteresis;
 mod lanes;
+mod lead;
 mod level;
 mod record;
 mod refinement;
@@ -44,6 +45,7 @@ use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON, planned_lateral};
 use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
 use self::lanes::Lane;
+use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
@@ -92,14 +94,21 @@ struct Committed {
     level: Level,
     smoothing: Smoothing,
     is_refined: bool,
-    /// Its cost without `travel_time` and `plan_change`.
+    /// Length of its lead, m.
+    lead: f64,
+    /// Its cost from the end of the lead on, without `travel_time` and `plan_change`.
     path_cost: f64,
     robust: bool,
 }
 
-/// Start state of a cycle.
+/// Start of the plans of a cycle.
 struct Start {
+    /// The motion until then.
+    lead: Lead,
+    /// The state at the end of the lead; its station is that on the committed trajectory.
     point: TrajectoryPoint,
+    /// The first contact during a lead that is not on the committed trajectory.
+    lead_contact: Option<ExpectedContact>,
     /// Whether it is on the committed trajectory.
     on_plan: bool,
 }
@@ -200,9 +209,10 @@ impl<'a> Planner<'a> {
         let begun = Instant::now();
         let start = self.start(state);
         self.follow_route(&start);
-        self.update_traffic(&start);
+        self.update_traffic(state.time, &start);
         let mut record = CycleRecord::default();
-        let levels = self.levels();
+        // a contact during the lead can be proven away by no plan
+        let levels = if start.lead_contact.is_some() { Vec::new() } else { self.levels() };
         let choice = levels.iter().enumerate().find_map(|(attempt, level)| {
             record.attempt = attempt;
             Some((*level, self.choose(&start, *level, &mut record)?))
@@ -219,7 +229,8 @@ impl<'a> Planner<'a> {
                 let (profile, smoothing) = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
-                let blocked = choice.proven.blocked.clone();
+                let moved = |((from, to), times)| ((from + start.lead.length(), to + start.lead.length()), times);
+                let blocked = choice.proven.blocked.iter().copied().map(moved).collect();
                 self.committed = Some(committed_of(&start, level, choice, profile, smoothing));
                 (decision, blocked)
             }
@@ -273,28 +284,22 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The start state: on the committed trajectory, or the measured state if its tracking error is too large.
+    /// The start of plans: on the committed trajectory, or from the measured state if its tracking error is too large.
     fn start(&self, state: &State) -> Start {
+        let duration = lead::duration(&self.vehicle);
         // the reference of a plan without a proof may be beyond what the vehicle can follow
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
-            let point = committed.trajectory.at(state.time);
-            let error = point.pose.to_local(state.pose.position);
+            let error = committed.trajectory.at(state.time).pose.to_local(state.pose.position);
             if error.x.abs() <= self.settings.restart_longitudinal && error.y.abs() <= self.settings.restart_lateral {
-                return Start { point, on_plan: true };
+                let lead = Lead::on(&committed.trajectory, state.time, duration);
+                let point = committed.trajectory.at(state.time + duration);
+                return Start { lead, point, lead_contact: None, on_plan: true };
             }
         }
-        let curvature = state.steering.tan() / self.vehicle.wheelbase;
-        let point = TrajectoryPoint {
-            time: state.time,
-            pose: state.pose,
-            curvature,
-            curvature_rate: 0.0,
-            station: 0.0,
-            speed: state.speed.max(0.0),
-            acceleration: state.acceleration,
-            jerk: 0.0,
-        };
-        Start { point, on_plan: false }
+        let lead = Lead::extrapolated(state, &self.vehicle, duration);
+        let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
+        let lead_contact = self.contact_during(&lead);
+        Start { lead, point, lead_contact, on_plan: false }
     }
 
     /// The cheapest pair of path and speed with a proven stop on this level.
@@ -506,7 +511,8 @@ fn committed_of(
 ) -> Committed {
     let path_cost = choice.path.terms.total() - choice.path.terms.plan_change;
     Committed {
-        trajectory: Trajectory { start_time: start.point.time, path: choice.path.path, profile },
+        trajectory: start.lead.followed_by(&choice.path.path, &profile),
+        lead: start.lead.length(),
         deceleration: choice.deceleration,
         level: level.level,
         smoothing,
@@ -518,7 +524,7 @@ fn committed_of(
 
 /// The committed plan, if planning starts on it.
 fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<CommittedPlan<'c>> {
-    committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, &start.point))
+    committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, c.lead, &start.point))
 }
 
 /// The parts of a [`Cycle`] that accumulate while it runs.

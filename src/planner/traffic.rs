@@ -60,10 +60,10 @@ const SPACING: f64 = 1.0;
 const JOINED_AHEAD: f64 = 5.0;
 
 impl Planner<'_> {
-    /// Updates the traffic at the start of a cycle.
-    pub(super) fn update_traffic(&mut self, start: &Start) {
+    /// Updates the traffic at the start of a cycle, at the time `now` (s of the run).
+    pub(super) fn update_traffic(&mut self, now: f64, start: &Start) {
         let traffic = &mut self.traffic;
-        traffic.now = start.point.time;
+        traffic.now = now;
         traffic.reachable = Default::default();
         if self.settings.rear_traffic == RearTraffic::Binding {
             return;

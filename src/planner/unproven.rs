@@ -51,7 +51,8 @@ impl Planner<'_> {
                 record.chosen = Some(choice.candidate);
                 let profile = choice.proven.raw_profile.clone();
                 let unproven = LevelLimits { level: Level::Unproven, ..*level };
-                return (committed_of(start, unproven, choice, profile, Smoothing::EmergencyStop), None);
+                let committed = committed_of(start, unproven, choice, profile, Smoothing::EmergencyStop);
+                return (committed, start.lead_contact);
             }
         }
         let deceleration = self.unreserved.deceleration().max(LEAST_BRAKING);
@@ -65,6 +66,7 @@ impl Planner<'_> {
             level: Level::Unproven,
             smoothing: Smoothing::EmergencyStop,
             is_refined: false,
+            lead: start.lead.length(),
             path_cost: 0.0,
             robust: false,
         };
@@ -128,10 +130,9 @@ impl Planner<'_> {
         } else {
             path.clone()
         };
-        let fixed = blocked_at.and_then(|(station, what)| contact_at(&profile, p.time, station, what));
-        let moving = first_contact(self.worlds[1].predictions(), sweeps, &profile, p.time, self.horizon);
-        let contact = [fixed, moving].into_iter().flatten().reduce(|a, b| if b.time < a.time { b } else { a });
-        Some(Braking { trajectory: Trajectory { start_time: p.time, path, profile }, contact })
+        let predictions = self.worlds[1].predictions();
+        let contact = first_contact(predictions, sweeps, blocked_at, &profile, (p.time, f64::INFINITY));
+        Some(Braking { trajectory: start.lead.followed_by(&path, &profile), contact: start.lead_contact.or(contact) })
     }
 }
 
@@ -146,38 +147,41 @@ fn full_braking(speed: f64, deceleration: f64) -> SpeedProfile {
     SpeedProfile::new(knots).unwrap_or_else(|| unreachable!("one or two knots in order are a profile"))
 }
 
-/// The arrival at a station (m); `None` if the profile stops before.
+/// The arrival at a station (m) with the acceleration of the first knot; `None` if the profile ends before.
 fn contact_at(profile: &SpeedProfile, begins: f64, station: f64, what: Blocker) -> Option<ExpectedContact> {
     let first = profile.knots()[0];
     if station >= profile.last().station {
         return None;
     }
     let speed = (first.speed * first.speed + 2.0 * first.acceleration * station).max(0.0).sqrt();
-    let time = if first.acceleration < 0.0 { (speed - first.speed) / first.acceleration } else { 0.0 };
+    let time = if first.acceleration == 0.0 { station / speed } else { (speed - first.speed) / first.acceleration };
     Some(ExpectedContact { what, time: begins + time, speed })
 }
 
-/// The first visit of a blocked cell; at standstill until the horizon.
-fn first_contact(
+/// The first contact on sweeps, with a constant acceleration: with what blocks them from a station (m) on, or with moving
+/// obstacles. `until` (s of the run) is when the vehicle leaves the end of the profile; infinite where it stands there.
+pub(super) fn first_contact(
     predictions: &Predictions,
     sweeps: &[&Sweep],
+    blocked_at: Option<(f64, Blocker)>,
     profile: &SpeedProfile,
-    begins: f64,
-    horizon: f64,
+    (begins, until): (f64, f64),
 ) -> Option<ExpectedContact> {
-    let grid = predictions.blocked(sweeps, begins, horizon.max(begins + 1.0));
+    let fixed = blocked_at.and_then(|(station, what)| contact_at(profile, begins, station, what));
+    let grid = predictions.blocked(sweeps, begins, until.min(predictions.horizon()).max(begins + 1.0));
     let end = profile.last();
     let visited = |cell: usize| grid.stations()[cell] <= end.station;
     let visit = |cell: usize| {
         let arrival = |station: f64| contact_at(profile, begins, station, Blocker::RoadBoundary).map(|c| c.time);
         let from = arrival(grid.stations()[cell])?;
-        let to = arrival(grid.stations()[cell + 1]).unwrap_or(f64::INFINITY);
+        let to = arrival(grid.stations()[cell + 1]).unwrap_or(until);
         let blocked = grid.first_blocked(cell, from, to)?;
         let time = blocked.from.max(from);
         let speed = profile.at(time - begins).speed;
         Some(ExpectedContact { what: Blocker::Obstacle(blocked.obstacle), time, speed })
     };
-    (0..grid.cells()).take_while(|c| visited(*c)).filter_map(visit).reduce(|a, b| if b.time < a.time { b } else { a })
+    let moving = (0..grid.cells()).take_while(|c| visited(*c)).filter_map(visit);
+    fixed.into_iter().chain(moving).reduce(|a, b| if b.time < a.time { b } else { a })
 }
 
 #[cfg(test)]
