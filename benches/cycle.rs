@@ -14,7 +14,7 @@ use stopline::lattice::{EdgeStore, Lattice, LatticeContext, LatticePath, Root};
 use stopline::map::{
     Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, PlanningProblem, RoadNetwork, Scenario, Shape, TimedPose,
 };
-use stopline::planner::{Cycle, Decision, Planner, Settings};
+use stopline::planner::{Decision, Observation, Plan, Planner, Settings};
 use stopline::reference::{ReferenceLine, ReferenceSettings};
 use stopline::speed::smoothing::{self, Smoother};
 use stopline::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, search};
@@ -33,8 +33,6 @@ const LANE_WIDTH: f64 = 3.5;
 /// The ego lane.
 const OWN: i64 = 2;
 const SPEED: f64 = 12.0;
-/// End of the run, s.
-const ENDS: f64 = 10.0;
 
 /// Poses along the middle of the road, every 2 m.
 fn middle() -> Vec<Pose> {
@@ -260,32 +258,43 @@ fn smoothing_and_proof(bencher: Bencher) {
 #[divan::bench(sample_size = 1)]
 fn first_cycle(bencher: Bencher) {
     let stages = Stages::new();
-    let problem = &stages.scenario.problems[0];
-    let state = initial(&stages.vehicle);
-    bencher
-        .with_inputs(|| Planner::new(&stages.scenario, problem, &stages.vehicle, &stages.settings, ENDS).unwrap())
-        .bench_local_refs(|planner| planner.cycle(&state));
+    let observation = stages.observation(initial(&stages.vehicle));
+    bencher.with_inputs(|| stages.planner(&observation)).bench_local_refs(|planner| planner.cycle(&observation));
 }
 
 /// Later cycles of a run. Each starts from the state that the previous plan prescribes.
 #[divan::bench(sample_size = 1, sample_count = 30)]
 fn steady_cycle(bencher: Bencher) {
     let stages = Stages::new();
-    let problem = &stages.scenario.problems[0];
-    let mut planner = Planner::new(&stages.scenario, problem, &stages.vehicle, &stages.settings, ENDS).unwrap();
-    let first = planner.cycle(&initial(&stages.vehicle));
-    assert!(matches!(first.decision, Decision::NewPlan { .. }), "no plan");
-    assert!(first.candidates.len() > 10);
-    let mut last = first;
+    let mut observation = stages.observation(initial(&stages.vehicle));
+    let mut planner = stages.planner(&observation);
+    let first = planner.traced_cycle(&observation).unwrap();
+    assert_eq!(first.plan.decision, Decision::NewPlan, "no plan");
+    assert!(first.trace.candidates.len() > 10);
+    let mut last = first.plan;
     bencher.bench_local(|| {
-        last = planner.cycle(&after(&last, 0.1, &stages.vehicle));
+        observation.state = after(&last, 0.1, &stages.vehicle);
+        last = planner.cycle(&observation).unwrap();
     });
 }
 
+impl Stages {
+    fn observation(&self, state: State) -> Observation {
+        Observation::of_scenario(&self.scenario, &self.scenario.problems[0], state)
+    }
+
+    /// A planner that has built its worlds and lanes.
+    fn planner(&self, observation: &Observation) -> Planner<'_> {
+        let mut planner = Planner::new(self.scenario.map(), &self.vehicle, &self.settings).unwrap();
+        assert_eq!(planner.no_lane(observation).unwrap(), None);
+        planner
+    }
+}
+
 /// The state after the vehicle has followed the plan exactly for `interval` seconds.
-fn after(cycle: &Cycle, interval: f64, vehicle: &Vehicle) -> State {
-    let time = cycle.time + interval;
-    let point = cycle.committed.at(time);
+fn after(plan: &Plan, interval: f64, vehicle: &Vehicle) -> State {
+    let time = plan.time + interval;
+    let point = plan.trajectory.at(time);
     State {
         time,
         pose: point.pose,

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for check in &run.verdict.checks {
         println!("  {:<4} {:<20} {}", check.status, check.name, check.note);
     }
-    let stop = run.cycles.iter().map(|c| c.committed.end_time()).next_back().unwrap_or_default();
+    let stop = run.cycles.iter().map(|c| c.plan.trajectory.end_time()).next_back().unwrap_or_default();
     println!("  the last committed trajectory stops at {stop:.1} s");
     Ok(())
 }

@@ -25,7 +25,7 @@ use crate::map::{
     Goal, GoalPosition, InitialState, Interval, Lanelet, LaneletId, Motion, Neighbour, Obstacle, ObstacleKind, Part,
     PlanningProblem, RoadNetwork, Scenario, Shape, TimedPose,
 };
-use crate::planner::{Cycle, Decision, Smoothing, StageSeconds};
+use crate::planner::{Cycle, Decision, Plan, Smoothing, Trace};
 use crate::trajectory::{Path, SpeedKnot, Trajectory};
 use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
 
@@ -206,21 +206,17 @@ pub fn knot(time: f64, station: f64, speed: f64, acceleration: f64) -> SpeedKnot
 #[must_use]
 pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
     Cycle {
-        time,
-        committed,
-        decision: Decision::NewPlan { deceleration: 1.5 },
-        level: crate::planner::Level::Comfort,
-        expected_contact: None,
-        reference: Vec::new(),
-        candidates: Vec::new(),
-        blocked: Vec::new(),
-        chosen: None,
-        edges: Default::default(),
-        expansions: 0,
-        smoothing: Smoothing::Comfortable,
-        is_refined: false,
-        is_robust: false,
-        stage_seconds: StageSeconds::default(),
+        plan: Plan {
+            time,
+            trajectory: committed,
+            decision: Decision::NewPlan,
+            level: crate::planner::Level::Comfort,
+            deceleration: 1.5,
+            is_robust: false,
+            smoothing: Smoothing::Comfortable,
+            expected_contact: None,
+        },
+        trace: Trace::default(),
     }
 }
 

@@ -18,7 +18,7 @@
 //! // one planning cycle: a trajectory that ends at a standstill
 //! let plan = drive::plan(&scenario, problem, &vehicle, &settings)?;
 //! assert_eq!(plan.outcome, Outcome::Planned);
-//! let trajectory = &plan.cycles[0].committed;
+//! let trajectory = &plan.cycles[0].plan.trajectory;
 //! assert_eq!(trajectory.at(trajectory.end_time()).speed, 0.0);
 //!
 //! // the closed loop: ten cycles a second, executed by the simulated vehicle

@@ -207,7 +207,8 @@ fn bits(run: &Run) -> (Outcome, Vec<u64>, String) {
             s.reference_station,
         ]
     });
-    let decisions = run.cycles.iter().map(|c| (c.decision, c.chosen, c.candidates.len(), c.expansions));
+    let decisions =
+        run.cycles.iter().map(|c| (c.plan.decision, c.trace.chosen, c.trace.candidates.len(), c.trace.expansions));
     (run.outcome, numbers.map(f64::to_bits).collect(), format!("{:?}", decisions.collect::<Vec<_>>()))
 }
 

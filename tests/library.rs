@@ -17,7 +17,7 @@ fn refusal(change: impl FnOnce(&mut planner::Settings)) -> String {
     let scenario = bundled("straight_100m");
     let mut settings = planner::Settings::default();
     change(&mut settings);
-    let planner = Planner::new(&scenario, &scenario.problems[0], &VEHICLE, &settings, 10.0);
+    let planner = Planner::new(scenario.map(), &VEHICLE, &settings);
     planner.err().expect("the settings are wrong").to_string()
 }
 
@@ -39,25 +39,6 @@ fn the_planner_refuses_settings_out_of_their_range() {
 }
 
 #[test]
-fn the_planner_refuses_a_road_without_friction() {
-    let scenario = bundled("straight_100m");
-    let settings = planner::Settings::default();
-    let planner = || Planner::new(&scenario, &scenario.problems[0], &VEHICLE, &settings, 10.0).unwrap();
-    assert!(planner().with_friction(0.15).is_ok() && planner().with_friction(10.0).is_ok());
-    for (wrong, shown) in [(0.0, "0"), (-1.0, "-1"), (11.0, "11"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
-        let message = planner().with_friction(wrong).err().expect("refused").to_string();
-        let expected = "it must be positive, and at most 10 times that of dry asphalt";
-        assert_eq!(message, format!("setting `friction` is {shown}, {expected}"));
-    }
-    // the least of several numbers would skip one that is none
-    let polygon = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]];
-    let friction = vec![simulation::FrictionRegion { factor: f64::NAN, polygon }];
-    let settings = Settings { friction, ..Settings::default() };
-    let refused = drive::planner(&scenario, &scenario.problems[0], &VEHICLE, &settings).err().expect("refused");
-    assert!(refused.to_string().starts_with("setting `friction[0].factor` is NaN"), "{refused}");
-}
-
-#[test]
 fn a_drive_refuses_wrong_settings_of_every_stage() {
     let scenario = bundled("straight_100m");
     let refused = |change: &dyn Fn(&mut Settings)| {
@@ -74,6 +55,12 @@ fn a_drive_refuses_wrong_settings_of_every_stage() {
     assert_eq!(refused(&|s| s.run.replan_interval = 0.0), "run.replan_interval");
     let no_road = simulation::FrictionRegion { factor: 0.5, polygon: vec![] };
     assert_eq!(refused(&|s| s.friction = vec![no_road.clone()]), "friction[0].polygon");
+    // the least of several numbers would skip one that is none
+    let polygon = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]];
+    let no_number = simulation::FrictionRegion { factor: f64::NAN, polygon };
+    assert_eq!(refused(&|s| s.friction = vec![no_number.clone()]), "friction[0].factor");
+    assert_eq!(refused(&|s| s.observation.sensor.range = -1.0), "observation.sensor.range");
+    assert_eq!(refused(&|s| s.observation.prediction_horizon = f64::NAN), "observation.prediction_horizon");
 }
 
 fn network() -> stopline::map::RoadNetwork {

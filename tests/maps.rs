@@ -232,7 +232,7 @@ fn replayed(run: &Run, obstacles: &[stopline::map::Obstacle]) -> Log {
     let mut world = World::new(&VEHICLE, obstacles, &initial, &simulation::Settings::default()).unwrap();
     let mut log = Log::default();
     for (cycle, next) in run.cycles.iter().zip(run.cycles.iter().skip(1)) {
-        world.follow(&cycle.committed, next.time, &mut log);
+        world.follow(&cycle.plan.trajectory, next.plan.time, &mut log);
     }
     log
 }
@@ -274,14 +274,14 @@ fn refinement_reduces_curvature_on(name: &str) {
         drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap()
     };
     let (refined, plain) = (with(true), with(false));
-    assert!(plain.cycles.iter().all(|c| !c.is_refined));
-    let of_new_plans = |c: &&Cycle| matches!(c.decision, Decision::NewPlan { .. });
-    let count = refined.cycles.iter().filter(|c| c.is_refined).filter(of_new_plans).count();
+    assert!(plain.cycles.iter().all(|c| !c.trace.is_refined));
+    let of_new_plans = |c: &&Cycle| c.plan.decision == Decision::NewPlan;
+    let count = refined.cycles.iter().filter(|c| c.trace.is_refined).filter(of_new_plans).count();
     assert!(count > 10, "{name}: only {count} cycles are refined");
-    for cycle in refined.cycles.iter().filter(|c| c.is_refined) {
-        assert_ne!(cycle.decision, Decision::Unproven);
-        assert!(cycle.committed.profile.ends_at_standstill());
-        assert!(cycle.committed.profile.last().station <= cycle.committed.path.length());
+    for cycle in refined.cycles.iter().filter(|c| c.trace.is_refined) {
+        assert_ne!(cycle.plan.decision, Decision::Unproven);
+        assert!(cycle.plan.trajectory.profile.ends_at_standstill());
+        assert!(cycle.plan.trajectory.profile.last().station <= cycle.plan.trajectory.path.length());
     }
     assert!(refined.verdict.pass(), "{:#?}", failures(&refined));
     // ∫κ² ds of the driven path, from the steering angle

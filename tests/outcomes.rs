@@ -73,9 +73,9 @@ fn a_truck_too_close_to_a_wall_claims_no_proof() {
         let scenario = before_a_wall(&truck, 15.0, distance);
         let run = driven(&scenario, &truck);
         assert_eq!(run.outcome, Outcome::Collision, "{distance} m");
-        let proven = run.cycles.iter().filter(|c| c.decision != Decision::Unproven).count();
+        let proven = run.cycles.iter().filter(|c| c.plan.decision != Decision::Unproven).count();
         assert_eq!(proven, 0, "of {} cycles, {distance} m", run.cycles.len());
-        let foreseen: Vec<_> = run.cycles.iter().filter_map(|c| c.expected_contact).collect();
+        let foreseen: Vec<_> = run.cycles.iter().filter_map(|c| c.plan.expected_contact).collect();
         assert!(!foreseen.is_empty(), "{distance} m");
         assert!(foreseen.iter().all(|c| c.what == Blocker::Obstacle(77)), "{distance} m: {foreseen:?}");
         let (expected, contact) = (foreseen[foreseen.len() - 1], run.log.contact.unwrap());
@@ -93,7 +93,7 @@ fn a_road_almost_without_friction_is_an_outcome() {
         settings.simulation.friction_scale = friction;
         settings.run.longest = 1.0;
         let run = drive::drive(&scenario, &scenario.problems[0], &car, &settings, &mut |_, _| {}).unwrap();
-        assert!(run.cycles.iter().all(|c| c.decision == Decision::Unproven), "{friction}");
+        assert!(run.cycles.iter().all(|c| c.plan.decision == Decision::Unproven), "{friction}");
     }
 }
 
@@ -280,8 +280,12 @@ fn a_wall_within_the_stopping_distance_leaves_every_moving_cycle_unproven() {
     let vehicle = car();
     let run = driven(&scenario, &vehicle);
     let moves = |time: f64| run.log.samples.iter().any(|s| s.time >= time && s.speed > 0.1);
-    let moving: Vec<_> = run.cycles.iter().filter(|c| moves(c.time)).collect();
-    assert!(moving.len() > 3 && moving.iter().all(|c| c.decision == Decision::Unproven), "{} moving", moving.len());
+    let moving: Vec<_> = run.cycles.iter().filter(|c| moves(c.plan.time)).collect();
+    assert!(
+        moving.len() > 3 && moving.iter().all(|c| c.plan.decision == Decision::Unproven),
+        "{} moving",
+        moving.len()
+    );
     assert!(check(&run, "stop_proven").failed());
 }
 

@@ -147,16 +147,16 @@ fn committed_plans_of_the_bundled_maps_stop_at_their_end() {
             drive::drive(&scenario, &scenario.problems[0], &v, &drive::Settings::default(), &mut |_, _| {}).unwrap();
         let name = file.file_stem().unwrap().to_string_lossy().into_owned();
         for cycle in run.cycles.iter().step_by(5) {
-            let sample = run.log.samples.iter().find(|s| s.time > cycle.time - 1e-6).unwrap();
-            let plan = &cycle.committed;
-            if !plan.profile.ends_at_standstill() || plan.end_time() <= cycle.time || sample.speed < 0.5 {
+            let sample = run.log.samples.iter().find(|s| s.time > cycle.plan.time - 1e-6).unwrap();
+            let plan = &cycle.plan.trajectory;
+            if !plan.profile.ends_at_standstill() || plan.end_time() <= cycle.plan.time || sample.speed < 0.5 {
                 continue;
             }
             let Sample { time, pose, speed, acceleration, yaw_rate, steering, .. } = *sample;
             let state = State { time, pose, speed, acceleration, yaw_rate, steering };
             let stopped = drive_to_standstill(&v, &state, plan);
             if stopped.error.abs() > 0.05 {
-                println!("{name} at {:.1} s, {speed:.1} m/s: {stopped:?}", cycle.time);
+                println!("{name} at {:.1} s, {speed:.1} m/s: {stopped:?}", cycle.plan.time);
             }
             stops.push(stopped);
         }

@@ -58,10 +58,13 @@ fn follower_that_never_brakes_prevents_a_proof_unless_rear_traffic_yields() {
         assert_eq!(planned(&scenario, &rear(RearTraffic::Binding)).outcome, Outcome::NoSafePlan);
         let run = planned(&scenario, &rear(RearTraffic::Yielding));
         assert_eq!(run.outcome, Outcome::Planned);
-        assert!(run.cycles[0].blocked.is_empty());
+        assert!(run.cycles[0].trace.blocked.is_empty());
         let alone = motion.scenario(&road(vec![]));
         let free = planned(&alone, &rear(RearTraffic::Binding));
-        assert_eq!(run.cycles[0].committed, free.cycles[0].committed, "the plan differs from that on an empty road");
+        assert_eq!(
+            run.cycles[0].plan.trajectory, free.cycles[0].plan.trajectory,
+            "the plan differs from that on an empty road"
+        );
     }
 }
 
@@ -98,7 +101,7 @@ fn all_other_traffic_remains_binding_with_yielding_rear_traffic() {
             let yielding = planned(&scenario, &rear(RearTraffic::Yielding));
             assert_eq!(binding.outcome, yielding.outcome, "{name}");
             assert_eq!(deterministic(&binding.cycles[0]), deterministic(&yielding.cycles[0]), "{name}");
-            let is_relevant = !binding.cycles[0].blocked.is_empty() || binding.outcome == Outcome::NoSafePlan;
+            let is_relevant = !binding.cycles[0].trace.blocked.is_empty() || binding.outcome == Outcome::NoSafePlan;
             assert!(is_relevant, "{name} does not affect the plan");
         }
     }
@@ -106,8 +109,14 @@ fn all_other_traffic_remains_binding_with_yielding_rear_traffic() {
 
 /// The deterministic part of a cycle's record: everything but its times.
 fn deterministic(cycle: &Cycle) -> impl PartialEq + std::fmt::Debug {
-    let candidates: Vec<_> = cycle.candidates.iter().map(|c| (c.cost, c.rejected)).collect();
-    (cycle.committed.clone(), cycle.decision, cycle.blocked.clone(), cycle.expansions, candidates)
+    let candidates: Vec<_> = cycle.trace.candidates.iter().map(|c| (c.cost, c.rejected)).collect();
+    (
+        cycle.plan.trajectory.clone(),
+        cycle.plan.decision,
+        cycle.trace.blocked.clone(),
+        cycle.trace.expansions,
+        candidates,
+    )
 }
 
 #[test]
@@ -121,9 +130,9 @@ fn overtaking_vehicle_yields_until_it_leaves_the_lane() {
     scenario.problems[0].initial.centre = Pose::new(40.0, 0.0, 0.0);
     let run = planned(&scenario, &rear(RearTraffic::Yielding));
     assert_eq!(run.outcome, Outcome::Planned);
-    let blocked = &run.cycles[0].blocked;
+    let blocked = &run.cycles[0].trace.blocked;
     assert!(!blocked.is_empty() && blocked.iter().all(|(_, times)| times.0 > 1.5), "{blocked:?}");
-    let plan = &run.cycles[0].committed;
+    let plan = &run.cycles[0].plan.trajectory;
     assert!(
         plan.path.at(plan.profile.last().station).pose.position.x < 79.0,
         "the plan drives into the stopped vehicle"
@@ -154,7 +163,7 @@ fn detects_followers_on_preceding_lanelets() {
     scenario.obstacles = vec![Obstacle { motion: Motion::Trajectory(states), ..follower() }];
     scenario.problems[0].initial.centre = ego;
     scenario.problems[0].initial.speed = 5.0;
-    let blocked = |settings: &Settings| planned(&scenario, settings).cycles[0].blocked.len();
+    let blocked = |settings: &Settings| planned(&scenario, settings).cycles[0].trace.blocked.len();
     assert!(
         blocked(&rear(RearTraffic::Binding)) > 0
             || planned(&scenario, &rear(RearTraffic::Binding)).outcome == Outcome::NoSafePlan
@@ -177,7 +186,7 @@ fn crosser() -> Obstacle {
 
 /// Position of the standstill at the end of the committed plan.
 fn standstill(run: &Run) -> Point {
-    let plan = &run.cycles[0].committed;
+    let plan = &run.cycles[0].plan.trajectory;
     plan.path.at(plan.profile.last().station).pose.position
 }
 
@@ -185,15 +194,15 @@ fn standstill(run: &Run) -> Point {
 fn robust_plan_stops_before_a_gap_that_may_close() {
     let scenario = road(vec![crosser()]);
     let off = planned(&scenario, &Settings::default());
-    assert!(standstill(&off).x > 38.0 && !off.cycles[0].is_robust);
+    assert!(standstill(&off).x > 38.0 && !off.cycles[0].plan.is_robust);
     for mode in [UncertaintyMode::Preferred, UncertaintyMode::Required] {
         let run = planned(&scenario, &sets(mode, 3.0, 0.2, 0.5));
         assert_eq!(run.outcome, Outcome::Planned);
-        assert!(run.cycles[0].is_robust);
+        assert!(run.cycles[0].plan.is_robust);
         assert!(standstill(&run).x < 33.0, "stops at {}", standstill(&run));
         // a sufficiently small set leaves the gap open
         let run = planned(&scenario, &sets(mode, 0.1, 0.02, 0.5));
-        assert!(run.cycles[0].is_robust && standstill(&run).x > 38.0, "stops at {}", standstill(&run));
+        assert!(run.cycles[0].plan.is_robust && standstill(&run).x > 38.0, "stops at {}", standstill(&run));
     }
 }
 
@@ -204,11 +213,11 @@ fn without_a_robust_stop_preferred_uses_the_prediction_and_required_finds_no_pla
     let off = planned(&scenario, &Settings::default());
     let preferred = planned(&scenario, &sets(UncertaintyMode::Preferred, 2.0, 2.0, f64::INFINITY));
     assert_eq!(preferred.outcome, Outcome::Planned);
-    assert!(!preferred.cycles[0].is_robust);
-    assert_eq!(preferred.cycles[0].committed, off.cycles[0].committed);
+    assert!(!preferred.cycles[0].plan.is_robust);
+    assert_eq!(preferred.cycles[0].plan.trajectory, off.cycles[0].plan.trajectory);
     let required = planned(&scenario, &sets(UncertaintyMode::Required, 2.0, 2.0, f64::INFINITY));
     assert_eq!(required.outcome, Outcome::NoSafePlan);
-    assert_eq!(required.cycles[0].decision.name(), "unproven");
+    assert_eq!(required.cycles[0].plan.decision.name(), "unproven");
 }
 
 #[test]
@@ -216,7 +225,7 @@ fn empty_sets_and_an_empty_road_do_not_change_the_plan() {
     for scenario in [road(vec![crosser()]), road(vec![])] {
         let off = planned(&scenario, &Settings::default());
         let run = planned(&scenario, &sets(UncertaintyMode::Preferred, 0.0, 0.0, 0.0));
-        assert!(run.cycles[0].is_robust);
+        assert!(run.cycles[0].plan.is_robust);
         assert_eq!(deterministic(&run.cycles[0]), deterministic(&off.cycles[0]));
     }
 }
@@ -228,7 +237,7 @@ fn runs_with_reachable_sets_reach_the_goal_with_robust_plans() {
         let scenario = motion.scenario(&road(vec![car(60, &[(0.0, 60.0, -50.0), (20.0, 60.0, 50.0)])]));
         let settings = sets(UncertaintyMode::Preferred, 1.0, 0.2, 0.5);
         let run = drive::drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
-        let proven = run.cycles.iter().filter(|c| c.is_robust).count();
+        let proven = run.cycles.iter().filter(|c| c.plan.is_robust).count();
         println!("{} of {} cycles robust, {}", proven, run.cycles.len(), run.outcome.name());
         assert!(proven * 10 >= run.cycles.len() * 9);
         assert_eq!(run.outcome, Outcome::GoalReached);

@@ -142,12 +142,14 @@ impl Predictions {
         Self { tracks, chunks, tree, identity, obstacles: Arc::clone(&self.obstacles), ..*self }
     }
 
-    /// These predictions without the slices of some obstacles up to a time: (id, s since time step 0 of the file). Later
+    /// These predictions without the slices of some obstacles within a time interval (s since time step 0 of the file). Other
     /// slices remain.
     #[must_use]
-    pub fn without(&self, removed: &[(i64, f64)]) -> Self {
+    pub fn without(&self, removed: &[(i64, (f64, f64))]) -> Self {
         let remaining = |track: &Arc<Track>| match removed.iter().find(|(id, _)| *id == track.id) {
-            Some((_, until)) => Arc::new(track.after(until / self.slice + TIME_SLACK)),
+            Some((_, (from, until))) => {
+                Arc::new(track.without((from / self.slice - TIME_SLACK).ceil(), until / self.slice + TIME_SLACK))
+            }
             None => Arc::clone(track),
         };
         self.with_tracks(self.tracks.iter().map(remaining).collect(), Some(Arc::new(())))
@@ -288,11 +290,12 @@ impl Track {
         }
     }
 
-    /// The track without the slices up to `until`, in slices.
-    fn after(&self, until: f64) -> Self {
-        let removed = index(until).saturating_sub(self.first).min(self.slices.len());
+    /// The track without the slices between two times, in slices.
+    fn without(&self, from: f64, until: f64) -> Self {
+        let position = |time: f64| index(time).saturating_sub(self.first).min(self.slices.len());
+        let (from, until) = (position(from), position(until));
         let mut remaining = self.clone();
-        remaining.slices[..removed].fill_with(Slice::default);
+        remaining.slices[from..until.max(from)].fill_with(Slice::default);
         remaining
     }
 

@@ -40,8 +40,6 @@ pub(super) struct FallbackBranches<'a> {
     settings: verdict::Settings,
     waiting: Vec<Waiting>,
     judged: Vec<Fallback>,
-    /// Largest deceleration that the committed plan claims, m/s².
-    promised: f64,
     /// The trajectory committed in the cycle before.
     before: Option<Trajectory>,
     last_sample: f64,
@@ -67,7 +65,6 @@ impl<'a> FallbackBranches<'a> {
             settings: *settings,
             waiting: Vec::new(),
             judged: Vec::new(),
-            promised: 0.0,
             before: None,
             last_sample: f64::NEG_INFINITY,
             is_sampled: false,
@@ -81,25 +78,22 @@ impl<'a> FallbackBranches<'a> {
         if !self.settings.fallbacks.enabled {
             return;
         }
-        if let Decision::NewPlan { deceleration } = cycle.decision {
-            self.promised = deceleration;
-        }
-        let before = self.before.replace(cycle.committed.clone());
-        let is_same = before.as_ref().is_some_and(|b| *b == cycle.committed);
+        let before = self.before.replace(cycle.plan.trajectory.clone());
+        let is_same = before.as_ref().is_some_and(|b| *b == cycle.plan.trajectory);
         self.is_sampled &= is_same;
-        if cycle.decision == Decision::Unproven || self.is_sampled {
+        if cycle.plan.decision == Decision::Unproven || self.is_sampled {
             return;
         }
-        let is_due = cycle.time - self.last_sample >= self.settings.fallbacks.interval - ROUNDING;
-        let is_change = before.as_ref().is_some_and(|b| differ(b, &cycle.committed, cycle.time));
-        let inherited = before.map_or(0.0, |b| -b.at(cycle.time).acceleration);
+        let is_due = cycle.plan.time - self.last_sample >= self.settings.fallbacks.interval - ROUNDING;
+        let is_change = before.as_ref().is_some_and(|b| differ(b, &cycle.plan.trajectory, cycle.plan.time));
+        let inherited = before.map_or(0.0, |b| -b.at(cycle.plan.time).acceleration);
         if !is_due && is_change && self.changes >= self.settings.fallbacks.changes {
             self.left_out += 1;
         } else if is_due || is_change {
             self.changes += usize::from(!is_due);
-            self.last_sample = cycle.time;
+            self.last_sample = cycle.plan.time;
             self.is_sampled = true;
-            let (world, trajectory, promised) = (world.clone(), cycle.committed.clone(), self.promised);
+            let (world, trajectory, promised) = (world.clone(), cycle.plan.trajectory.clone(), cycle.plan.deceleration);
             self.waiting.push(Waiting { world, cycle: number, is_change, trajectory, promised, inherited });
         }
         if self.waiting.len() >= BATCH {

@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::planner::{Cycle, Decision};
+use crate::planner::{Cycle, Decision, Plan, Trace};
 use crate::settings::{SettingsError, count, within};
 use crate::simulation::{Disturbances, LocalisationNoise};
 use crate::vehicle::Vehicle;
@@ -113,18 +113,10 @@ impl Faults {
 
 /// The record of a cycle that the planner missed: it keeps the previous plan.
 pub(super) fn missed(last: &Cycle, time: f64) -> Cycle {
-    let decision = if last.decision == Decision::Unproven { Decision::Unproven } else { Decision::KeepPrevious };
-    Cycle {
-        time,
-        decision,
-        candidates: Vec::new(),
-        blocked: Vec::new(),
-        chosen: None,
-        edges: crate::lattice::EdgeCounts::default(),
-        expansions: 0,
-        stage_seconds: crate::planner::StageSeconds::default(),
-        ..last.clone()
-    }
+    let decision = if last.plan.decision == Decision::Unproven { Decision::Unproven } else { Decision::KeepPrevious };
+    let trace =
+        Trace { reference: last.trace.reference.clone(), is_refined: last.trace.is_refined, ..Trace::default() };
+    Cycle { plan: Plan { time, decision, ..last.plan.clone() }, trace }
 }
 
 #[cfg(test)]

@@ -1,14 +1,18 @@
 //! The closed loop: plan, simulate until the next planning cycle, plan again; judge at the end.
 //!
-//! Meanwhile `branches` simulates fallbacks: the plan committed at one moment is followed to its end. `faults` injects faults.
+//! `observer` decides what the planner knows: the obstacles in sight, each with a prediction. `branches` simulates fallbacks: the plan committed at one moment is followed to its end. `faults` injects faults.
 //! [`Driver`] takes any planner and any controller; the verdict has to notice a bad one.
 
 mod branches;
 mod faults;
+mod observer;
+mod prediction;
 mod settings;
 mod start;
 
 pub use faults::{Faults, YAW_PER_METRE};
+pub use observer::{ObservationSettings, Observer, Sensor};
+pub use prediction::PredictionMode;
 pub use settings::{RunSettings, Settings, SettingsError};
 
 use std::sync::Arc;
@@ -16,7 +20,7 @@ use std::sync::Arc;
 use self::branches::FallbackBranches;
 use self::start::Start;
 use crate::map::{Motion, PlanningProblem, Scenario};
-use crate::planner::{Cycle, NoLane, Planner, PlannerError, Rejection};
+use crate::planner::{Cycle, NoLane, Observation, Planner, PlannerError, Rejection};
 use crate::simulation::{self, Controller, Log, SimulationError, TrackingController, World};
 use crate::vehicle::{State, Vehicle};
 use crate::verdict::{self, Expectation, Fallback, GoalWatch, Verdict};
@@ -99,22 +103,28 @@ pub enum DriveError {
 
 /// A planner in the loop. [`Planner`] is the real one; tests use others.
 pub trait MotionPlanner {
-    /// One planning cycle from the estimated state of the vehicle. The loop follows the committed trajectory until the next.
-    fn cycle(&mut self, state: &State) -> Cycle;
+    /// One planning cycle from what is known now. The loop follows the committed trajectory until the next.
+    ///
+    /// # Errors
+    /// An observation that the planner refuses.
+    fn cycle(&mut self, observation: &Observation) -> Result<Cycle, PlannerError>;
 
-    /// The reason why there is no lane to plan on; `None` if there is one.
-    fn no_lane(&self) -> Option<NoLane> {
-        None
+    /// The reason why there is no lane to plan on; `None` if there is one. Asked before the first cycle.
+    ///
+    /// # Errors
+    /// An observation that the planner refuses.
+    fn no_lane(&mut self, _observation: &Observation) -> Result<Option<NoLane>, PlannerError> {
+        Ok(None)
     }
 }
 
 impl MotionPlanner for Planner<'_> {
-    fn cycle(&mut self, state: &State) -> Cycle {
-        Planner::cycle(self, state)
+    fn cycle(&mut self, observation: &Observation) -> Result<Cycle, PlannerError> {
+        self.traced_cycle(observation)
     }
 
-    fn no_lane(&self) -> Option<NoLane> {
-        Planner::no_lane(self)
+    fn no_lane(&mut self, observation: &Observation) -> Result<Option<NoLane>, PlannerError> {
+        Planner::no_lane(self, observation)
     }
 }
 
@@ -133,22 +143,6 @@ impl<'p> Driver<'p> {
     }
 }
 
-/// The planner that [`drive`] uses. It knows the latest end of the run.
-///
-/// # Errors
-/// A setting out of its range, also one of the simulation or of the run: the planner uses the friction and the end of the run.
-pub fn planner<'a>(
-    scenario: &'a Scenario,
-    problem: &'a PlanningProblem,
-    vehicle: &'a Vehicle,
-    settings: &'a Settings,
-) -> Result<Planner<'a>, PlannerError> {
-    settings.validate()?;
-    let ends = latest_end(&GoalWatch::new(scenario, problem), begin(scenario, problem), settings);
-    let planner = Planner::new(scenario, problem, vehicle, &settings.planner, ends)?;
-    planner.with_friction(settings.believed_friction())
-}
-
 /// Drives the vehicle through the scenario in simulation and judges the run. `progress` receives the time of the run and its
 /// latest possible end, s.
 ///
@@ -162,7 +156,7 @@ pub fn drive<'a>(
     progress: &mut dyn FnMut(f64, f64),
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
-    let mut planner = planner(scenario, problem, vehicle, settings)?;
+    let mut planner = Planner::new(scenario.map(), vehicle, &settings.planner)?;
     drive_with(scenario, problem, vehicle, settings, Driver::following(&mut planner), progress)
 }
 
@@ -186,7 +180,9 @@ pub fn drive_with<'a>(
     let ends = latest_end(&watch, begins, settings);
     let mut run = Run::unstarted(scenario, problem, vehicle);
     run.faults = settings.faults;
-    let start = Start::of(scenario, problem, vehicle, settings, planner.no_lane());
+    let mut observer = Observer::new(scenario, problem, vehicle, settings);
+    let no_lane = planner.no_lane(&observer.observe(&initial_state(problem, vehicle, begins)))?;
+    let start = Start::of(scenario, problem, vehicle, settings, no_lane);
     start.explain(&mut run);
     if start.is_final() {
         return Ok(run);
@@ -199,11 +195,11 @@ pub fn drive_with<'a>(
         progress(state.time, ends);
         let cycle = match run.cycles.last().filter(|_| settings.faults.misses(run.cycles.len())) {
             Some(last) => faults::missed(last, state.time),
-            None => planner.cycle(&state),
+            None => planner.cycle(&observer.observe(&state))?,
         };
         branches.consider(&world, &cycle, run.cycles.len());
         let until = (state.time + settings.run.replan_interval).min(ends);
-        world.follow(&cycle.committed, until, &mut run.log);
+        world.follow(&cycle.plan.trajectory, until, &mut run.log);
         run.cycles.push(cycle);
         if run.log.contact.is_some() || run.log.broke_at.is_some() || start == Start::InCollision {
             run.outcome = Outcome::Collision;
@@ -260,14 +256,16 @@ pub fn plan<'a>(
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
     let begins = begin(scenario, problem);
-    let mut planner = planner(scenario, problem, vehicle, settings)?;
+    let mut planner = Planner::new(scenario.map(), vehicle, &settings.planner)?;
     let mut run = Run::unstarted(scenario, problem, vehicle);
-    let start = Start::of(scenario, problem, vehicle, settings, planner.no_lane());
+    let observation =
+        Observer::new(scenario, problem, vehicle, settings).observe(&initial_state(problem, vehicle, begins));
+    let start = Start::of(scenario, problem, vehicle, settings, planner.no_lane(&observation)?);
     start.explain(&mut run);
     if start.is_final() {
         return Ok(run);
     }
-    run.cycles.push(planner.cycle(&initial_state(problem, vehicle, begins)));
+    run.cycles.push(planner.traced_cycle(&observation)?);
     if start == Start::Clear && run.is_ever_proven() {
         run.outcome = Outcome::Planned;
     }
@@ -353,14 +351,14 @@ fn moves_later(scenario: &Scenario, time: f64) -> bool {
 
 /// Whether every candidate of the last level, with the hardest braking allowed, was too short to stop on.
 fn cannot_stop(cycle: &Cycle) -> bool {
-    let last_attempt = cycle.candidates.iter().map(|c| c.attempt).max();
-    let mut last = cycle.candidates.iter().filter(|c| Some(c.attempt) == last_attempt).peekable();
+    let last_attempt = cycle.trace.candidates.iter().map(|c| c.attempt).max();
+    let mut last = cycle.trace.candidates.iter().filter(|c| Some(c.attempt) == last_attempt).peekable();
     last.peek().is_some() && last.all(|c| matches!(c.rejected, Some(Rejection::CannotStop | Rejection::BlockedAtStart)))
 }
 
 /// Distance to standstill of a trajectory, m.
 fn stopping_distance(cycle: &Cycle) -> f64 {
-    let profile = &cycle.committed.profile;
+    let profile = &cycle.plan.trajectory.profile;
     profile.last().station - profile.at(0.0).station
 }
 
@@ -384,7 +382,7 @@ impl<'a> Run<'a> {
     /// Whether any cycle committed to a proven plan.
     #[must_use]
     pub fn is_ever_proven(&self) -> bool {
-        self.cycles.iter().any(|c| matches!(c.decision, crate::planner::Decision::NewPlan { .. }))
+        self.cycles.iter().any(|c| c.plan.decision == crate::planner::Decision::NewPlan)
     }
 
     /// Sets the reason of a run without a proven plan. A reason from the start stays.
@@ -393,7 +391,7 @@ impl<'a> Run<'a> {
             return;
         }
         // no path, only paths that are too short to stop on, or paths without a proof
-        let no_edge = self.cycles.iter().all(|c| c.candidates.is_empty());
+        let no_edge = self.cycles.iter().all(|c| c.trace.candidates.is_empty());
         self.stopping_distance = self.cycles.first().filter(|c| cannot_stop(c)).map(stopping_distance);
         self.reason = Some(match self.stopping_distance {
             _ if no_edge => "no_feasible_edge",

@@ -1,6 +1,6 @@
 //! Settings of a run, as read from `--config FILE.toml`.
 
-use super::Faults;
+use super::{Faults, ObservationSettings};
 pub use crate::settings::SettingsError;
 use crate::settings::{positive, within};
 use crate::simulation::SimulationError;
@@ -17,6 +17,8 @@ pub struct Settings {
     /// Regions of the road with other friction, as `[[friction]]` tables.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub friction: Vec<simulation::FrictionRegion>,
+    /// What the vehicle observes, and how it predicts.
+    pub observation: ObservationSettings,
     /// The closed loop.
     pub run: RunSettings,
     /// The verdict: tolerances, comfort limits, fallbacks.
@@ -69,6 +71,7 @@ impl Settings {
     /// The first setting out of its range.
     pub fn validate(&self) -> Result<(), SettingsError> {
         self.run.validate().map_err(|e| e.in_table("run"))?;
+        self.observation.validate().map_err(|e| e.in_table("observation"))?;
         self.planner.validate().map_err(|e| e.in_table("planner"))?;
         self.verdict.validate().map_err(|e| SettingsError::new(e.name, e.value, e.expected).in_table("verdict"))?;
         self.faults.validate().map_err(|e| e.in_table("faults"))?;

@@ -36,7 +36,22 @@ pub struct Scenario {
     pub issues: Vec<Issue>,
 }
 
+/// What a map knows: the fixed part of a scenario.
+#[derive(Debug, Clone, Copy)]
+pub struct Map<'a> {
+    /// Lanelets, traffic signs and traffic lights.
+    pub network: &'a RoadNetwork,
+    /// Occupied cells.
+    pub occupancy: Option<&'a OccupancyGrid>,
+}
+
 impl Scenario {
+    /// The map of the scenario.
+    #[must_use]
+    pub fn map(&self) -> Map<'_> {
+        Map { network: &self.network, occupancy: self.occupancy.as_ref() }
+    }
+
     /// Adds an occupancy grid, read from `file`. A grid that overlaps no lanelet has no effect, most likely because it is in
     /// other coordinates: this is an issue.
     pub fn overlay(&mut self, grid: OccupancyGrid, file: &str) {

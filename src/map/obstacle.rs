@@ -4,7 +4,7 @@ use super::{ConvexPart, Shape};
 use crate::geometry::Pose;
 
 /// An obstacle with its shape and motion.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Obstacle {
     /// Id in the file.
     pub id: i64,
@@ -34,7 +34,7 @@ pub enum ObstacleKind {
 }
 
 /// Predicted motion of an obstacle. Times are in seconds since time step 0 of the file.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Motion {
     /// It stands still at all times.
     Static(Pose),

@@ -55,7 +55,7 @@ impl Interval {
 }
 
 /// A goal state: the conjunction of its conditions, for the vehicle's **centre**.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Goal {
     /// Region, if there is one.
     pub position: Option<GoalPosition>,
@@ -68,7 +68,7 @@ pub struct Goal {
 }
 
 /// The region of a goal.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum GoalPosition {
     /// Any of the shapes, in world coordinates.
     Shapes(Shape),

@@ -61,20 +61,20 @@ impl Planner<'_> {
                 note.rejected = match evaluation {
                     None => Some(Rejection::HigherCost),
                     Some(Evaluation::Rejected { why, expansions }) => {
-                        record.expansions += expansions;
+                        record.trace.expansions += expansions;
                         Some(why)
                     }
                     Some(Evaluation::Proven(proven)) => {
-                        record.expansions += proven.expansions;
-                        note.terms.travel_time = delay(self.settings, free - proven.progress, &note.terms);
+                        record.trace.expansions += proven.expansions;
+                        note.terms.travel_time = delay(&self.settings, free - proven.progress, &note.terms);
                         note.cost = note.terms.total();
-                        let candidate = record.candidates.len();
+                        let candidate = record.trace.candidates.len();
                         let (deceleration, cost) = (level.deceleration, note.cost);
                         let pair = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
                         take_if_better(best, pair, record)
                     }
                 };
-                record.candidates.push(note);
+                record.trace.candidates.push(note);
             }
         }
     }
@@ -104,7 +104,8 @@ mod tests {
     use std::path::Path;
 
     use super::super::candidate::fault::ENDS_MOVING;
-    use super::super::{Cycle, Decision, Settings};
+    use super::super::record::Trace;
+    use super::super::{Cycle, Decision, Observation, Settings};
     use super::*;
     use crate::vehicle::State;
 
@@ -126,18 +127,19 @@ mod tests {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             ENDS_MOVING.set(faulty);
-            Planner::new(&scenario, problem, &vehicle, &settings, 30.0).unwrap().cycle(&state)
+            let observation = Observation::of_scenario(&scenario, problem, state);
+            Planner::new(scenario.map(), &vehicle, &settings).unwrap().traced_cycle(&observation).unwrap()
         })
     }
 
     #[test]
     fn a_raw_profile_that_fails_reverification_is_never_committed() {
         let sound = first_cycle("straight_100m.xml", 1, false);
-        assert!(matches!(sound.decision, Decision::NewPlan { .. }));
-        assert_eq!(sound.rejections(Rejection::ReverificationFailed), 0);
+        assert_eq!(sound.plan.decision, Decision::NewPlan);
+        assert_eq!(sound.trace.rejections(Rejection::ReverificationFailed), 0);
         let faulty = first_cycle("straight_100m.xml", 1, true);
-        assert_eq!(faulty.decision, Decision::Unproven);
-        assert!(faulty.rejections(Rejection::ReverificationFailed) > 0 && faulty.chosen.is_none());
+        assert_eq!(faulty.plan.decision, Decision::Unproven);
+        assert!(faulty.trace.rejections(Rejection::ReverificationFailed) > 0 && faulty.trace.chosen.is_none());
     }
 
     #[test]
@@ -146,7 +148,8 @@ mod tests {
             let one = first_cycle(map, 1, false);
             for threads in [2, 3, 7] {
                 let several = first_cycle(map, threads, false);
-                let untimed = Cycle { stage_seconds: one.stage_seconds, ..several };
+                let trace = Trace { stage_seconds: one.trace.stage_seconds, ..several.trace };
+                let untimed = Cycle { trace, ..several };
                 assert!(untimed == one, "{map} on {threads} threads");
             }
         }

@@ -3,7 +3,7 @@
 use super::goal::GoalOnLane;
 use crate::geometry::{Point, Pose};
 use crate::lattice::EdgeStore;
-use crate::map::{LaneletId, PlanningProblem, RoadNetwork, Scenario};
+use crate::map::{Goal, LaneletId, PlanningProblem, RoadNetwork, Scenario};
 use crate::reference::ReferenceLine;
 use crate::route::{self, LaneOption, RouteOutcome, RouteSettings, Side};
 use crate::vehicle::Vehicle;
@@ -80,12 +80,12 @@ fn route_settings() -> RouteSettings {
 impl Lane {
     /// The lanes of the route from a pose of the vehicle's centre.
     pub(super) fn all(
-        scenario: &Scenario,
-        problem: &PlanningProblem,
+        network: &RoadNetwork,
+        goals: &[Goal],
         centre: &Pose,
         vehicle: &Vehicle,
     ) -> Result<Vec<Self>, NoLane> {
-        let found = match route::plan(&scenario.network, centre, &problem.goals, &route_settings()) {
+        let found = match route::plan(network, centre, goals, &route_settings()) {
             RouteOutcome::Found(route) => route,
             RouteOutcome::Unreachable(_) => return Err(NoLane::GoalUnreachable),
             RouteOutcome::OffRoad => return Err(NoLane::StartOffRoad),
@@ -95,7 +95,7 @@ impl Lane {
             .lanes
             .iter()
             .filter(|option| !goal_known || option.lane_changes_to_go.is_some())
-            .filter_map(|option| Self::new(scenario, problem, vehicle, option))
+            .filter_map(|option| Self::new(network, goals, vehicle, option))
             .collect();
         let mut lanes = lanes;
         Self::mark_missed_goal(&mut lanes);
@@ -117,26 +117,26 @@ impl Lane {
     }
 
     /// Whether the road continues beyond the end of the reference line.
-    pub(super) fn goes_on(&self, scenario: &Scenario) -> bool {
-        scenario.network.lanelets.get(&self.last_lanelet).is_some_and(|l| !l.successors.is_empty())
+    pub(super) fn goes_on(&self, network: &RoadNetwork) -> bool {
+        network.lanelets.get(&self.last_lanelet).is_some_and(|l| !l.successors.is_empty())
     }
 
-    fn new(scenario: &Scenario, problem: &PlanningProblem, vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
+    fn new(network: &RoadNetwork, goals: &[Goal], vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
         let settings = crate::reference::ReferenceSettings::default();
-        let lanelets = joined(&scenario.network, &option.lanelets);
-        let reference = ReferenceLine::new(&scenario.network, lanelets, vehicle.width, &settings).ok()?;
-        let goal = problem.goals.iter().find_map(|g| GoalOnLane::find(g, &scenario.network, &reference, vehicle));
+        let lanelets = joined(network, &option.lanelets);
+        let reference = ReferenceLine::new(network, lanelets, vehicle.width, &settings).ok()?;
+        let goal = goals.iter().find_map(|g| GoalOnLane::find(g, network, &reference, vehicle));
         let is_current = option.side == Side::Current;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
         let count = (reference.length() / 2.0) as usize;
         Some(Self {
             samples: (0..=count).map(|i| reference.at(2.0 * i as f64).pose.position).collect(),
-            no_stopping: kept_free(scenario, &reference),
+            no_stopping: kept_free(network, &reference),
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
             stores: Default::default(),
             last_lanelet: *lanelets.last()?,
             goal_missed_at: None,
-            goal_deadline: deadline(problem),
+            goal_deadline: deadline(goals),
             is_current,
             goal,
             reference,
@@ -145,8 +145,8 @@ impl Lane {
 }
 
 /// The latest time at which a goal with a position can be reached, s; infinite if no goal has one.
-fn deadline(problem: &PlanningProblem) -> f64 {
-    let times = problem.goals.iter().filter(|g| g.position.is_some()).map(|g| g.time.max);
+fn deadline(goals: &[Goal]) -> f64 {
+    let times = goals.iter().filter(|g| g.position.is_some()).map(|g| g.time.max);
     times.reduce(f64::max).unwrap_or(f64::INFINITY)
 }
 
@@ -164,7 +164,7 @@ fn joined<'a>(network: &RoadNetwork, chain: &'a [LaneletId]) -> &'a [LaneletId] 
 }
 
 /// Station intervals of the line inside lanelets in which stopping is not allowed, for the rear axle.
-fn kept_free(scenario: &Scenario, line: &ReferenceLine) -> Vec<(f64, f64)> {
+fn kept_free(network: &RoadNetwork, line: &ReferenceLine) -> Vec<(f64, f64)> {
     /// Sampling of the line, m.
     const STEP: f64 = 1.0;
     let mut stretches: Vec<(f64, f64)> = Vec::new();
@@ -172,7 +172,7 @@ fn kept_free(scenario: &Scenario, line: &ReferenceLine) -> Vec<(f64, f64)> {
     let samples = (line.length() / STEP) as usize;
     for i in 0..=samples {
         let station = i as f64 * STEP;
-        let lanelet = line.lanelet_at(station).and_then(|id| scenario.network.lanelets.get(&id));
+        let lanelet = line.lanelet_at(station).and_then(|id| network.lanelets.get(&id));
         if lanelet.is_some_and(|l| l.types.iter().any(|t| KEPT_FREE.contains(&t.as_str()))) {
             match stretches.last_mut() {
                 Some(last) if station - last.1 <= 1.5 * STEP => last.1 = station,

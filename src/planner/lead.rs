@@ -73,6 +73,11 @@ impl Lead {
         Self { begins: state.time, start: state.pose, spirals, knots }
     }
 
+    /// Its path; `None` at standstill.
+    pub(super) fn path(&self) -> Option<Path> {
+        Path::new(self.start, &self.spirals)
+    }
+
     /// Its length, m.
     pub(super) fn length(&self) -> f64 {
         self.knots[self.knots.len() - 1].station
@@ -81,7 +86,7 @@ impl Lead {
     /// The state at its end, where plans start. Stations are those of the lead; `curvature` is that of a lead without a length.
     pub(super) fn end(&self, curvature: f64) -> TrajectoryPoint {
         let knot = self.knots[self.knots.len() - 1];
-        let path = Path::new(self.start, &self.spirals).map(|path| path.at(path.length()));
+        let path = self.path().map(|path| path.at(path.length()));
         TrajectoryPoint {
             time: self.begins + knot.time,
             pose: path.map_or(self.start, |p| p.pose),
@@ -112,9 +117,9 @@ impl Lead {
 impl Planner<'_> {
     /// The first contact during an extrapolated lead, without margins.
     pub(super) fn contact_during(&self, lead: &Lead) -> Option<ExpectedContact> {
-        let path = Path::new(lead.start, &lead.spirals)?;
+        let path = lead.path()?;
         let profile = SpeedProfile::new(lead.knots.clone())?;
-        let world = &self.worlds[2];
+        let world = &self.known.worlds[2];
         let sweep = world.sweep_path(&path);
         let end = lead.end(0.0);
         let ends = end.time;

@@ -25,63 +25,72 @@ mod candidate;
 mod choice;
 mod goal;
 mod hysteresis;
+mod known;
 mod lanes;
 mod lead;
 mod level;
+mod observation;
 mod record;
 mod refinement;
+mod reproof;
 mod settings;
 mod traffic;
 mod unproven;
 
 pub use goal::GoalOnLane;
 pub use level::Level;
-pub use record::{Candidate, Cycle, Decision, ExpectedContact, Rejection, Smoothing, StageSeconds};
-pub use settings::{EmergencyLimits, RearTraffic, Settings, Uncertainty, UncertaintyMode};
+pub use observation::{HIGHEST_FRICTION, Observation, ObservationError};
+pub use record::{Candidate, Cycle, Decision, ExpectedContact, Plan, Rejection, Smoothing, StageSeconds, Trace};
+pub use settings::{
+    EmergencyLimits, ExtrapolatedMotion, Extrapolation, RearTraffic, Settings, Uncertainty, UncertaintyMode,
+};
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON, planned_lateral};
 use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
+use self::known::{Change, Known};
 use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
-use crate::collision::{Allowance, Blocker, CollisionWorld};
+use crate::collision::{Allowance, Blocker, CollisionWorld, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
-use crate::map::{PlanningProblem, Scenario};
+use crate::map::{Goal, Map};
 use crate::reference::{Frenet, ReferenceLine};
 pub use crate::settings::SettingsError;
-use crate::settings::positive;
 use crate::speed::smoothing::{self, Smoothed, Smoother};
 use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
 pub use self::lanes::NoLane;
 
-/// Planner for one vehicle in one scenario, cycle by cycle.
-pub struct Planner<'a> {
-    scenario: &'a Scenario,
-    problem: &'a PlanningProblem,
+/// Planner for one vehicle on one map, cycle by cycle.
+pub struct Planner<'m> {
+    map: Map<'m>,
+    /// The vehicle as described.
+    described: Vehicle,
     /// The vehicle, its comfort within what the road gives.
     vehicle: Vehicle,
+    friction: f64,
     limits: ProofLimits,
     /// The limits without the controller's reserve, for plans without a proof.
     unreserved: ProofLimits,
-    settings: &'a Settings,
+    settings: Settings,
     lattice: Lattice,
     smoother: Smoother,
-    /// The collision worlds: with margins, without margins, without margins at a fine resolution.
-    worlds: [CollisionWorld; 3],
+    known: Known,
+    /// The goals with their lanes; `None` before the first cycle.
+    goals: Option<Arc<[Goal]>>,
     lanes: Result<Vec<Lane>, NoLane>,
     traffic: Traffic,
     committed: Option<Committed>,
     cruise: f64,
-    horizon: f64,
-    /// Latest end of the run, s.
-    end_time: f64,
+    /// Time of the last cycle, s of the run.
+    time: f64,
 }
 
 /// The committed plan.
@@ -96,6 +105,12 @@ struct Committed {
     is_refined: bool,
     /// Length of its lead, m.
     lead: f64,
+    /// Index of the collision world of its proof.
+    world: usize,
+    /// Swept footprints along its path.
+    sweeps: Vec<Arc<Sweep>>,
+    /// The static obstacles of its proof: [`Known::statics`].
+    statics: u64,
     /// Its cost from the end of the lead on, without `travel_time` and `plan_change`.
     path_cost: f64,
     robust: bool,
@@ -113,12 +128,15 @@ struct Start {
     on_plan: bool,
 }
 
-/// Why a planner cannot be created.
+/// Why a planner cannot be created, or cannot plan.
 #[derive(Debug, thiserror::Error)]
 pub enum PlannerError {
     /// A setting is out of its range.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// An observation contradicts itself or the one before.
+    #[error(transparent)]
+    Observation(#[from] ObservationError),
 }
 
 impl From<crate::collision::SettingsError> for PlannerError {
@@ -127,89 +145,66 @@ impl From<crate::collision::SettingsError> for PlannerError {
     }
 }
 
-impl<'a> Planner<'a> {
-    /// Prepares planning: builds collision worlds, routes and reference lines. `end_time` is the latest end of the run, s.
+impl<'m> Planner<'m> {
+    /// A planner for a vehicle on a map. It knows of nothing else until the first observation.
     ///
     /// # Errors
-    /// A setting out of its range. A missing lane is an outcome, not an error: [`Planner::no_lane`].
-    pub fn new(
-        scenario: &'a Scenario,
-        problem: &'a PlanningProblem,
-        vehicle: &'a Vehicle,
-        settings: &'a Settings,
-        end_time: f64,
-    ) -> Result<Self, PlannerError> {
+    /// A setting out of its range.
+    pub fn new(map: Map<'m>, vehicle: &Vehicle, settings: &Settings) -> Result<Self, PlannerError> {
         settings.validate()?;
         let lattice = Lattice::new(settings.lattice.clone()).map_err(|e| e.in_table("lattice"))?;
         let smoother = Smoother::new(smoothing::Settings { jerk: settings.jerk, ..smoothing::Settings::default() })?;
-        let prediction_end = scenario.obstacles.iter().map(|o| o.lifetime().1).filter(|t| t.is_finite());
-        let horizon = prediction_end.fold(0.0, f64::max).min(end_time + PREDICTION_BEYOND_END);
-        let bare = crate::collision::CollisionSettings {
-            static_obstacles: BARE_MARGIN,
-            moving_obstacles: BARE_MARGIN,
-            road: 0.0,
-            ..settings.collision
-        };
-        let fine = crate::collision::CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..bare };
-        let worlds = [
-            CollisionWorld::new(scenario, vehicle, &settings.collision, horizon)?,
-            CollisionWorld::new(scenario, vehicle, &bare, horizon)?,
-            CollisionWorld::new(scenario, vehicle, &fine, horizon)?,
-        ];
         let limits = ProofLimits::new(vehicle, DRY);
-        let unreserved = ProofLimits::unreserved(vehicle, DRY);
-        let vehicle = limits.applied_to(vehicle);
-        let lanes = Lane::all(scenario, problem, &problem.initial.centre, &vehicle);
-        let cruise = settings.cruise_speed.max(problem.initial.speed);
-        let traffic = Traffic::default();
         Ok(Self {
-            scenario,
-            problem,
-            vehicle,
+            map,
+            described: vehicle.clone(),
+            vehicle: limits.applied_to(vehicle),
+            friction: DRY,
             limits,
-            unreserved,
-            settings,
+            unreserved: ProofLimits::unreserved(vehicle, DRY),
+            settings: settings.clone(),
             lattice,
             smoother,
-            worlds,
-            lanes,
-            traffic,
+            known: Known::nothing(map, vehicle, settings)?,
+            goals: None,
+            lanes: Err(NoLane::NoReference),
+            traffic: Traffic::default(),
             committed: None,
-            cruise,
-            horizon,
-            end_time,
+            cruise: settings.cruise_speed,
+            time: f64::NEG_INFINITY,
         })
     }
 
-    /// Plans for a road whose friction is believed to be `friction` times that of dry asphalt.
+    /// Takes over what is known now, and returns the reason why there is no lane to drive on; `None` if there is one. For a
+    /// caller who wants to know before the first cycle.
     ///
     /// # Errors
-    /// The friction is not a positive number up to 10: proofs would not hold for it.
-    pub fn with_friction(self, friction: f64) -> Result<Self, PlannerError> {
-        positive("friction", friction, HIGHEST_FRICTION, "times that of dry asphalt")?;
-        let limits = ProofLimits::new(&self.vehicle, friction);
-        let unreserved = ProofLimits::unreserved(&self.vehicle, friction);
-        Ok(Self { vehicle: limits.applied_to(&self.vehicle), limits, unreserved, ..self })
+    /// An observation that contradicts itself or the previous one.
+    pub fn no_lane(&mut self, observation: &Observation) -> Result<Option<NoLane>, PlannerError> {
+        self.observe(observation)?;
+        Ok(self.lanes.as_ref().err().copied())
     }
 
-    /// The reason why there is no lane to drive on; `None` if there is one.
-    #[must_use]
-    pub fn no_lane(&self) -> Option<NoLane> {
-        self.lanes.as_ref().err().copied()
+    /// Plans a cycle from what is known now.
+    ///
+    /// # Errors
+    /// An observation that contradicts itself or the previous one. The planner is unchanged then and can plan again.
+    pub fn cycle(&mut self, observation: &Observation) -> Result<Plan, PlannerError> {
+        self.traced_cycle(observation).map(|cycle| cycle.plan)
     }
 
-    /// End of the predictions, s of the run.
-    #[must_use]
-    pub fn prediction_end(&self) -> f64 {
-        self.horizon
-    }
-
-    /// Runs one planning cycle and returns its record with the committed trajectory.
-    pub fn cycle(&mut self, state: &State) -> Cycle {
+    /// [`Planner::cycle`], with the record of how the plan came about.
+    ///
+    /// # Errors
+    /// As [`Planner::cycle`].
+    pub fn traced_cycle(&mut self, observation: &Observation) -> Result<Cycle, PlannerError> {
         let begun = Instant::now();
+        self.observe(observation)?;
+        let state = &observation.state;
+        self.update_traffic(state);
+        self.verify_committed(state);
         let start = self.start(state);
         self.follow_route(&start);
-        self.update_traffic(state.time, &start);
         let mut record = CycleRecord::default();
         // a contact during the lead can be proven away by no plan
         let levels = if start.lead_contact.is_some() { Vec::new() } else { self.levels() };
@@ -219,50 +214,71 @@ impl<'a> Planner<'a> {
         });
         let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
         let mut contact = None;
-        let (decision, blocked) = match worth {
+        let decision = match worth {
             Some((level, choice)) => {
                 let choice = self.refined(&start, level, choice, &mut record);
-                record.is_refined = choice.is_refined;
-                record.chosen = Some(choice.candidate);
-                let decision = Decision::NewPlan { deceleration: choice.deceleration };
+                let trace = &mut record.trace;
+                trace.chosen = Some(choice.candidate);
                 let smoothing_begun = Instant::now();
                 let (profile, smoothing) = self.smoothed(&start, &choice);
-                record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
-                record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
+                trace.stage_seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
+                trace.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 let moved = |((from, to), times)| ((from + start.lead.length(), to + start.lead.length()), times);
-                let blocked = choice.proven.blocked.iter().copied().map(moved).collect();
-                self.committed = Some(committed_of(&start, level, choice, profile, smoothing));
-                (decision, blocked)
+                trace.blocked = choice.proven.blocked.iter().copied().map(moved).collect();
+                self.committed = Some(self.committed_of(&start, level, choice, profile, smoothing));
+                Decision::NewPlan
             }
-            None if start.on_plan => {
-                record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
-                (Decision::KeepPrevious, Vec::new())
-            }
+            None if start.on_plan => Decision::KeepPrevious,
             None => {
                 let unproven = self.unproven(&start, &mut record);
                 (self.committed, contact) = (Some(unproven.0), unproven.1);
-                (Decision::Unproven, Vec::new())
+                Decision::Unproven
             }
         };
-        record.seconds.total = begun.elapsed().as_secs_f64();
-        let committed = self.committed.clone().unwrap_or_else(|| unreachable!("each decision commits a plan"));
-        Cycle {
+        let committed = self.committed.as_ref().unwrap_or_else(|| unreachable!("each decision commits a plan"));
+        record.trace.is_refined = committed.is_refined;
+        record.trace.stage_seconds.total = begun.elapsed().as_secs_f64();
+        let plan = Plan {
             time: state.time,
-            committed: committed.trajectory,
+            trajectory: committed.trajectory.clone(),
             decision,
             level: committed.level,
-            expected_contact: contact,
-            reference: record.reference,
-            candidates: record.candidates,
-            blocked,
-            chosen: record.chosen,
-            edges: record.edges,
-            expansions: record.expansions,
-            smoothing: committed.smoothing,
-            is_refined: record.is_refined,
+            deceleration: committed.deceleration,
             is_robust: committed.robust,
-            stage_seconds: record.seconds,
+            smoothing: committed.smoothing,
+            expected_contact: contact,
+        };
+        Ok(Cycle { plan, trace: record.trace })
+    }
+
+    /// Takes over what is known now. Nothing is changed if it is refused.
+    fn observe(&mut self, observation: &Observation) -> Result<(), PlannerError> {
+        observation.validate(self.time)?;
+        let Observation { state, obstacles, goals, friction } = observation;
+        if !self.known.is(obstacles) {
+            observation.validate_obstacles()?;
         }
+        if *friction != self.friction {
+            self.limits = ProofLimits::new(&self.described, *friction);
+            self.unreserved = ProofLimits::unreserved(&self.described, *friction);
+            (self.vehicle, self.friction) = (self.limits.applied_to(&self.described), *friction);
+        }
+        let change = self.known.renew(obstacles, state.time, self.map, &self.vehicle, &self.settings)?;
+        self.traffic.renew(change);
+        if change == Change::Static {
+            self.lanes.iter_mut().flatten().for_each(|lane| lane.stores = Default::default());
+        }
+        let is_first = self.goals.is_none();
+        if is_first {
+            self.cruise = self.settings.cruise_speed.max(state.speed);
+        }
+        if self.goals.as_ref().is_none_or(|known| !Arc::ptr_eq(known, goals) && known[..] != goals[..]) {
+            let centre = self.vehicle.centre_of_rear_axle(&state.pose);
+            self.lanes = Lane::all(self.map.network, goals, &centre, &self.vehicle);
+            self.goals = Some(Arc::clone(goals));
+        }
+        self.time = state.time;
+        Ok(())
     }
 
     /// Plans the route again if the current lane ends within the horizon or the vehicle has changed lanes.
@@ -276,9 +292,10 @@ impl<'a> Planner<'a> {
         let Some(current) = lanes.iter().find(|l| l.is_current) else { return };
         let (ahead, offset) = on(current);
         let changed = lanes.iter().any(|l| !l.is_current && on(l).1 < ON_LANE && offset > ON_LANE);
-        let ends_soon = ahead < self.settings.max_horizon && current.goes_on(self.scenario);
+        let ends_soon = ahead < self.settings.max_horizon && current.goes_on(self.map.network);
         if (changed || ends_soon)
-            && let Ok(lanes) = Lane::all(self.scenario, self.problem, &centre, &self.vehicle)
+            && let Ok(lanes) =
+                Lane::all(self.map.network, self.goals.as_deref().unwrap_or_default(), &centre, &self.vehicle)
         {
             self.lanes = Ok(lanes);
         }
@@ -307,11 +324,11 @@ impl<'a> Planner<'a> {
         let mut best: Option<Choice> = None;
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
-            let paths = self.lattice_paths(start, lane, level, &mut record.edges);
-            record.seconds.lattice += begun.elapsed().as_secs_f64();
+            let paths = self.lattice_paths(start, lane, level, &mut record.trace.edges);
+            record.trace.stage_seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
             self.evaluate_all(start, lane, level, paths, &mut best, record);
-            record.seconds.speed += begun.elapsed().as_secs_f64();
+            record.trace.stage_seconds.speed += begun.elapsed().as_secs_f64();
         }
         best
     }
@@ -328,7 +345,7 @@ impl<'a> Planner<'a> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
-        let world = &self.worlds[level.world];
+        let world = &self.known.worlds[level.world];
         let roots = self.roots(start, world);
         let full_speed_curvature = self.full_speed_curvature(start, level);
         let weights = self.settings.lattice.weights;
@@ -361,7 +378,7 @@ impl<'a> Planner<'a> {
 
     /// The curvature with the planned lateral acceleration at the start speed, 1/m.
     fn full_speed_curvature(&self, start: &Start, level: LevelLimits) -> f64 {
-        planned_lateral(self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
+        planned_lateral(&self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
     fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
@@ -377,7 +394,7 @@ impl<'a> Planner<'a> {
     fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: LevelLimits) -> Situation<'s> {
         Situation {
             vehicle: &self.vehicle,
-            settings: self.settings,
+            settings: &self.settings,
             traffic: self.predictions_for(&level),
             reference: &lane.reference,
             goal: lane.goal,
@@ -388,10 +405,10 @@ impl<'a> Planner<'a> {
             cruise: self.cruise * level.speed_factor,
             acceleration: level.acceleration,
             braking: level.braking,
-            horizon: self.horizon,
+            horizon: self.known.horizon,
             proof_deceleration: level.deceleration,
             search_share: level.search_share,
-            long_run: self.end_time - start.point.time > LONG_RUN,
+            long_run: self.task_ends() - start.point.time > LONG_RUN,
             no_stopping: if level.junctions_kept_free { &lane.no_stopping } else { &[] },
             time_gap: level.time_gap,
             lateral_limit: level.lateral_limit,
@@ -407,6 +424,37 @@ impl<'a> Planner<'a> {
             Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
             Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why)),
         }
+    }
+
+    /// The choice on a level with its final speed profile, as the committed plan.
+    fn committed_of(
+        &self,
+        start: &Start,
+        level: LevelLimits,
+        choice: Choice,
+        profile: SpeedProfile,
+        smoothing: Smoothing,
+    ) -> Committed {
+        let lead = start.lead.path().map(|path| Arc::new(self.known.worlds[level.world].sweep_path(&path)));
+        Committed {
+            trajectory: start.lead.followed_by(&choice.path.path, &profile),
+            lead: start.lead.length(),
+            world: level.world,
+            path_cost: choice.path.terms.total() - choice.path.terms.plan_change,
+            sweeps: lead.into_iter().chain(choice.path.sweeps).collect(),
+            statics: self.known.statics,
+            deceleration: choice.deceleration,
+            level: level.level,
+            smoothing,
+            is_refined: choice.is_refined,
+            robust: level.robust,
+        }
+    }
+
+    /// The latest end of the task, s of the run; infinite without a goal.
+    fn task_ends(&self) -> f64 {
+        let goals = self.goals.as_deref().unwrap_or_default();
+        goals.iter().map(|g| g.time.max).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
     /// Whether the choice replaces the committed plan.
@@ -444,18 +492,8 @@ impl<'a> Planner<'a> {
     }
 }
 
-/// Largest friction of the road that the planner accepts, as a factor on that of dry asphalt: as for the simulation.
-const HIGHEST_FRICTION: f64 = 10.0;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
-/// Remaining margin of the collision world without margins, m: the smallest tracking error.
-const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.01, longitudinal: 0.01 };
-/// Station cells of the world at a fine resolution, m.
-const FINE_SPACING: f64 = 0.1;
-/// Time slices of the world at a fine resolution, s.
-const FINE_SLICE: f64 = 0.025;
-/// Length of the predictions beyond the end of the run, s.
-const PREDICTION_BEYOND_END: f64 = 15.0;
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
 const CURVATURE_SHARE: f64 = 0.95;
 /// Time to the deadline of the goal below which the cost of lane changes rises, s.
@@ -501,49 +539,22 @@ fn context<'a>(
     LatticeContext { reference, world, max_curvature, full_speed_curvature, half_width }
 }
 
-/// The choice on a level with its final speed profile, as the committed plan.
-fn committed_of(
-    start: &Start,
-    level: LevelLimits,
-    choice: Choice,
-    profile: SpeedProfile,
-    smoothing: Smoothing,
-) -> Committed {
-    let path_cost = choice.path.terms.total() - choice.path.terms.plan_change;
-    Committed {
-        trajectory: start.lead.followed_by(&choice.path.path, &profile),
-        lead: start.lead.length(),
-        deceleration: choice.deceleration,
-        level: level.level,
-        smoothing,
-        is_refined: choice.is_refined,
-        path_cost,
-        robust: level.robust,
-    }
-}
-
 /// The committed plan, if planning starts on it.
 fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<CommittedPlan<'c>> {
     committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, c.lead, &start.point))
 }
 
-/// The parts of a [`Cycle`] that accumulate while it runs.
+/// The trace of a cycle while it runs.
 #[derive(Default)]
 struct CycleRecord {
-    candidates: Vec<Candidate>,
+    trace: Trace,
     /// Index of the present attempt.
     attempt: usize,
-    chosen: Option<usize>,
-    edges: EdgeCounts,
-    expansions: usize,
-    reference: Vec<crate::geometry::Point>,
-    is_refined: bool,
-    seconds: StageSeconds,
 }
 
 impl CycleRecord {
     fn reject(&mut self, candidate: usize, why: Rejection) {
-        if let Some(candidate) = self.candidates.get_mut(candidate) {
+        if let Some(candidate) = self.trace.candidates.get_mut(candidate) {
             candidate.rejected = Some(why);
         }
     }

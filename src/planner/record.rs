@@ -10,19 +10,31 @@ use crate::number::Short;
 use crate::speed::smoothing;
 use crate::trajectory::{Path, Trajectory};
 
-/// Record of one planning cycle: the candidates, the decision and its reasons.
+/// The result of a planning cycle: what to drive until the next one, and what it claims.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cycle {
+pub struct Plan {
     /// Time of the cycle, s of the run.
     pub time: f64,
-    /// The trajectory that is committed from this time on: a new plan, or the previous one if no new plan was accepted.
-    pub committed: Trajectory,
+    /// The trajectory that is committed from this time on: a new one, or the previous one if it was verified.
+    pub trajectory: Trajectory,
     /// The decision of the cycle.
     pub decision: Decision,
-    /// The level of the committed plan, as of the cycle that made it.
+    /// The level on which the stop of the plan is proven, as of this cycle.
     pub level: Level,
+    /// Largest deceleration of the plan and of its proof, m/s².
+    pub deceleration: f64,
+    /// Whether the stop is proven for all obstacle motions within the bounds of [`crate::planner::Uncertainty`]. If not, it is
+    /// proven for the predicted motions only. Always `false` with [`crate::planner::UncertaintyMode::Off`].
+    pub is_robust: bool,
+    /// Outcome of smoothing the speed profile.
+    pub smoothing: Smoothing,
     /// The first contact to expect on a plan without a proof; `None` if there is none or the plan is proven.
     pub expected_contact: Option<ExpectedContact>,
+}
+
+/// How a planning cycle came to its result, for reports, pictures and recordings.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trace {
     /// Sampled reference line of the chosen lane, m; empty unless a new plan was committed.
     pub reference: Vec<Point>,
     /// The candidate paths, in a deterministic order.
@@ -36,27 +48,27 @@ pub struct Cycle {
     pub edges: EdgeCounts,
     /// Expansions of the speed search, over all candidates.
     pub expansions: usize,
-    /// Outcome of smoothing the committed speed profile.
-    pub smoothing: Smoothing,
     /// Whether the committed path was refined; if not, it consists of lattice edges.
     pub is_refined: bool,
-    /// Whether the stop of the committed plan is proven for all obstacle motions within the bounds of
-    /// [`crate::planner::Uncertainty`], as of the cycle that made the plan. If not, it is proven for the predicted motions
-    /// only. Always `false` with [`crate::planner::UncertaintyMode::Off`].
-    pub is_robust: bool,
     /// Wall-clock times of the stages, s. Not part of any hash.
     pub stage_seconds: StageSeconds,
+}
+
+/// A planning cycle: its result and how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cycle {
+    /// The result.
+    pub plan: Plan,
+    /// How it came about.
+    pub trace: Trace,
 }
 
 /// Decision of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Decision {
     /// A new plan was committed; its stop is proven.
-    NewPlan {
-        /// Largest deceleration of the plan and of its proof, m/s².
-        deceleration: f64,
-    },
-    /// No new plan was committed: the previous proven plan continues, at the latest to its stop.
+    NewPlan,
+    /// The previous plan continues: its stop was proven again for what is known now, and no new plan was better.
     KeepPrevious,
     /// No proven plan exists: the committed plan evades or makes the first contact late and slow.
     Unproven,
@@ -169,7 +181,7 @@ impl Cycle {
     #[must_use]
     pub fn summary(&self) -> String {
         let rejected = || {
-            let counts = Rejection::ALL.map(|why| (why, self.rejections(why)));
+            let counts = Rejection::ALL.map(|why| (why, self.trace.rejections(why)));
             let counts = counts.iter().filter(|(_, count)| *count > 0).map(|(why, count)| format!("{count} {why}"));
             counts.collect::<Vec<_>>().join(", ")
         };
@@ -177,20 +189,22 @@ impl Cycle {
             counts if counts.is_empty() => "no candidate".to_owned(),
             counts => format!("no candidate has a proven stop ({counts})"),
         };
-        match self.decision {
-            Decision::NewPlan { deceleration } => {
-                let candidate = self.chosen.and_then(|i| self.candidates.get(i));
+        match self.plan.decision {
+            Decision::NewPlan => {
+                let deceleration = self.plan.deceleration;
+                let candidate = self.trace.chosen.and_then(|i| self.trace.candidates.get(i));
                 let what = candidate.map_or_else(String::new, |c| format!(" lane {}, cost {:.2},", c.lane, c.cost));
-                let stop = self.committed.profile.last().station - self.committed.at(self.time).station;
-                let robust = if self.is_robust { ", robust" } else { "" };
+                let stop =
+                    self.plan.trajectory.profile.last().station - self.plan.trajectory.at(self.plan.time).station;
+                let robust = if self.plan.is_robust { ", robust" } else { "" };
                 format!("new plan:{what} proven stop at {stop:.1} m with at most {deceleration:.1} m/s²{robust}")
             }
-            Decision::KeepPrevious if self.rejections(Rejection::BelowSwitchingThreshold) > 0 => {
+            Decision::KeepPrevious if self.trace.rejections(Rejection::BelowSwitchingThreshold) > 0 => {
                 "keep previous plan: the best candidate is below the switching threshold".to_owned()
             }
             Decision::KeepPrevious => format!("keep previous plan: {}", no_proof()),
             Decision::Unproven => {
-                let contact = match &self.expected_contact {
+                let contact = match &self.plan.expected_contact {
                     Some(contact) => contact.to_string(),
                     None => "no contact expected".to_owned(),
                 };
@@ -198,7 +212,9 @@ impl Cycle {
             }
         }
     }
+}
 
+impl Trace {
     /// Number of candidates that were rejected for this reason.
     #[must_use]
     pub fn rejections(&self, reason: Rejection) -> usize {
@@ -211,7 +227,7 @@ impl Decision {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
-            Self::NewPlan { .. } => "new_plan",
+            Self::NewPlan => "new_plan",
             Self::KeepPrevious => "keep_previous",
             Self::Unproven => "unproven",
         }
@@ -300,21 +316,21 @@ mod tests {
             terms: CostTerms::default(),
             rejected,
         };
-        record.candidates = vec![candidate(Some(Rejection::NoProof), 1.0), candidate(None, 3.214)];
-        (record.chosen, record.is_robust) = (Some(1), true);
+        record.trace.candidates = vec![candidate(Some(Rejection::NoProof), 1.0), candidate(None, 3.214)];
+        (record.trace.chosen, record.plan.is_robust) = (Some(1), true);
         let summary = "new plan: lane 1, cost 3.21, proven stop at 18.0 m with at most 1.5 m/s², robust";
         assert_eq!(record.summary(), summary);
-        (record.decision, record.chosen) = (Decision::KeepPrevious, None);
-        record.candidates = vec![
+        (record.plan.decision, record.trace.chosen) = (Decision::KeepPrevious, None);
+        record.trace.candidates = vec![
             candidate(Some(Rejection::NoProof), 1.0),
             candidate(Some(Rejection::BlockedAtStart), 1.0),
             candidate(Some(Rejection::NoProof), 1.0),
         ];
         let summary = "keep previous plan: no candidate has a proven stop (1 blocked_at_start, 2 no_proof)";
         assert_eq!(record.summary(), summary);
-        record.candidates.push(candidate(Some(Rejection::BelowSwitchingThreshold), 1.0));
+        record.trace.candidates.push(candidate(Some(Rejection::BelowSwitchingThreshold), 1.0));
         assert_eq!(record.summary(), "keep previous plan: the best candidate is below the switching threshold");
-        (record.decision, record.candidates) = (Decision::Unproven, Vec::new());
+        (record.plan.decision, record.trace.candidates) = (Decision::Unproven, Vec::new());
         assert_eq!(record.summary(), "unproven: no contact expected; no candidate");
     }
 }

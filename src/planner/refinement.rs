@@ -30,7 +30,7 @@ impl Planner<'_> {
     ) -> Choice {
         let begun = Instant::now();
         let better = self.refinement(start, level, &choice, record);
-        record.seconds.refinement = begun.elapsed().as_secs_f64();
+        record.trace.stage_seconds.refinement = begun.elapsed().as_secs_f64();
         match better {
             Some((path, proven, cost)) => Choice { path, proven, cost, is_refined: true, ..choice },
             None => choice,
@@ -52,7 +52,7 @@ impl Planner<'_> {
         if lane.reference.project(start.point.pose.position).l.abs() > OFFSET_SATURATES {
             return None;
         }
-        let world = &self.worlds[level.world];
+        let world = &self.known.worlds[level.world];
         let weights = &self.settings.lattice.weights;
         let commitment = committed_plan(self.committed.as_ref(), start)
             .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.plan_change));
@@ -69,12 +69,12 @@ impl Planner<'_> {
         let situation = self.situation(start, lane, level);
         match situation.evaluate(&path) {
             Evaluation::Rejected { expansions, .. } => {
-                record.expansions += expansions;
+                record.trace.expansions += expansions;
                 None
             }
             Evaluation::Proven(proven) => {
-                record.expansions += proven.expansions;
-                let delay = delay(self.settings, situation.free_progress() - proven.progress, &path.terms);
+                record.trace.expansions += proven.expansions;
+                let delay = delay(&self.settings, situation.free_progress() - proven.progress, &path.terms);
                 let cost = path.terms.total() + delay;
                 let is_slower = proven.progress + ON_TIME < choice.proven.progress;
                 let passes = || proven.reverify().is_ok();

@@ -40,6 +40,8 @@ pub struct Settings {
     pub rear_traffic: RearTraffic,
     /// Bounds of motions around the predictions that proofs cover.
     pub uncertainty: Uncertainty,
+    /// What is assumed of an obstacle after the end of its prediction.
+    pub extrapolation: Extrapolation,
     /// Settings of the lattice.
     pub lattice: lattice::Settings,
     /// Settings of the refinement of the chosen path.
@@ -110,6 +112,33 @@ impl Uncertainty {
     }
 }
 
+/// What is assumed of an obstacle after the end of its prediction.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Extrapolation {
+    /// For how long its motion is continued, s; 0 if it vanishes at the end of its prediction, as in CommonRoad.
+    pub duration: f64,
+    /// How.
+    pub motion: ExtrapolatedMotion,
+}
+
+/// How the motion of an obstacle continues after its prediction.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExtrapolatedMotion {
+    /// With its last speed and heading.
+    #[default]
+    LastMotion,
+    /// As a set that contains the positions that it reaches with the acceleration bounds of [`Uncertainty`].
+    Set,
+}
+
+impl Default for Extrapolation {
+    fn default() -> Self {
+        Self { duration: 3.0, motion: ExtrapolatedMotion::default() }
+    }
+}
+
 /// Acceleration limits of an emergency level.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -152,6 +181,7 @@ impl Settings {
         within("jerk", self.jerk, 0.5..=1000.0, "m/s³")?;
         within("time_gap", self.time_gap, 0.0..=60.0, "s")?;
         self.uncertainty.validate().map_err(|e| e.in_table("uncertainty"))?;
+        within("extrapolation.duration", self.extrapolation.duration, 0.0..=60.0, "s")?;
         self.lattice.validate().map_err(|e| e.in_table("lattice"))?;
         self.refinement.validate().map_err(|e| e.in_table("refinement"))?;
         self.collision.validate().map_err(|e| of_collision(&e))
@@ -210,6 +240,7 @@ impl Default for Settings {
             time_gap: 0.8,
             rear_traffic: RearTraffic::default(),
             uncertainty: Uncertainty::default(),
+            extrapolation: Extrapolation::default(),
             lattice: lattice::Settings::default(),
             refinement: lattice::refine::RefinementSettings::default(),
             collision: CollisionSettings::default(),

@@ -17,6 +17,9 @@
 //! constrains proofs: neighbours, leading, crossing and oncoming vehicles, prediction sets (which have no heading), and
 //! obstacles beyond the known ego path.
 //!
+//! With `"binding"` only the part of a following vehicle's motion that is extrapolated beyond its prediction is left out: nobody
+//! predicted that it drives into a vehicle that stands in front of it.
+//!
 //! Only the planner makes this assumption. The simulation moves all obstacles as predicted, and the verdict counts a contact
 //! from behind as a contact.
 //!
@@ -29,14 +32,16 @@
 
 use std::sync::OnceLock;
 
+use super::Planner;
+use super::known::Change;
 use super::level::LevelLimits;
 use super::settings::{RearTraffic, UncertaintyMode};
-use super::{Planner, Start};
 use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
 use crate::map::{ConvexPart, Motion, Obstacle, RoadNetwork};
 use crate::reference::ReferenceLine;
+use crate::vehicle::State;
 
 /// The traffic of the present cycle.
 #[derive(Default)]
@@ -44,9 +49,9 @@ pub(super) struct Traffic {
     now: f64,
     /// The path driven so far, preceded by the lane that led to it; the last point is the present position.
     driven_path: Vec<Point>,
-    /// Yielding obstacles with the time until which they yield (s), in the order of the scenario.
-    yielding: Vec<(i64, f64)>,
-    /// For each collision world: the predictions without yielding obstacles. Valid while `yielding` does not change.
+    /// Obstacles with the time interval in which they do not constrain proofs (s), in the order of the observation.
+    yielding: Vec<(i64, (f64, f64))>,
+    /// For each collision world: the predictions without these intervals. Valid while `yielding` does not change.
     binding: [OnceLock<Predictions>; 3],
     /// For each collision world: the reachable sets of this cycle.
     reachable: [OnceLock<Predictions>; 3],
@@ -60,19 +65,20 @@ const SPACING: f64 = 1.0;
 const JOINED_AHEAD: f64 = 5.0;
 
 impl Planner<'_> {
-    /// Updates the traffic at the start of a cycle, at the time `now` (s of the run).
-    pub(super) fn update_traffic(&mut self, now: f64, start: &Start) {
-        let traffic = &mut self.traffic;
+    /// Updates the traffic at the start of a cycle.
+    pub(super) fn update_traffic(&mut self, state: &State) {
+        let (traffic, now) = (&mut self.traffic, state.time);
         traffic.now = now;
         traffic.reachable = Default::default();
-        if self.settings.rear_traffic == RearTraffic::Binding {
+        let is_binding = self.settings.rear_traffic == RearTraffic::Binding;
+        if is_binding && self.settings.extrapolation.duration <= 0.0 {
             return;
         }
         let reference = self.lanes.as_ref().ok().and_then(|lanes| lanes.iter().find(|l| l.is_current));
         let Some(reference) = reference.map(|lane| &lane.reference) else { return };
-        let here = start.point.pose.position;
+        let here = state.pose.position;
         if traffic.driven_path.is_empty() {
-            traffic.driven_path = lane_behind(&self.scenario.network, reference, here);
+            traffic.driven_path = lane_behind(self.map.network, reference, here);
         }
         traffic.record_position(here);
         let [rear_right, _, front_left, _] = self.vehicle.footprint.bounding_rectangle();
@@ -80,8 +86,12 @@ impl Planner<'_> {
         let CollisionSettings { time_slice: step, moving_obstacles: margins, .. } = self.settings.collision;
         let strips = (half_width, half_width + margins.lateral);
         let own_path = OwnPath::new(&traffic.driven_path, reference, rear_right.x, strips);
-        let yields = |o: &Obstacle| Some((o.id, own_path.as_ref()?.yields_until(o, start.point.time, step)?));
-        let yielding: Vec<(i64, f64)> = self.scenario.obstacles.iter().filter_map(yields).collect();
+        let yields = |o: &Obstacle| {
+            let until = own_path.as_ref()?.yields_until(o, now, step)?;
+            let interval = if is_binding { (o.lifetime().1, f64::INFINITY) } else { (f64::NEG_INFINITY, until) };
+            Some((o.id, interval))
+        };
+        let yielding: Vec<_> = self.known.observed.iter().filter_map(yields).collect();
         if yielding != traffic.yielding {
             traffic.yielding = yielding;
             traffic.binding = Default::default();
@@ -90,7 +100,12 @@ impl Planner<'_> {
 
     /// The predictions that constrain proofs on a level.
     pub(super) fn predictions_for(&self, level: &LevelLimits) -> &Predictions {
-        self.traffic.predictions_for(&self.worlds, level, &self.settings.uncertainty.bounds())
+        self.predictions_in(level.world, level.robust)
+    }
+
+    /// The predictions that constrain proofs in a collision world.
+    pub(super) fn predictions_in(&self, world: usize, robust: bool) -> &Predictions {
+        self.traffic.predictions_in(&self.known.worlds, (world, robust), &self.settings.uncertainty.bounds())
     }
 
     /// The levels, with those for robust proofs as the settings require.
@@ -122,22 +137,25 @@ impl Traffic {
         self.driven_path.drain(..excess);
     }
 
-    fn predictions_for<'t>(
+    /// Drops what was computed for other obstacles.
+    pub(super) fn renew(&mut self, change: Change) {
+        if change != Change::Nothing {
+            (self.binding, self.reachable) = Default::default();
+        }
+    }
+
+    fn predictions_in<'t>(
         &'t self,
         worlds: &'t [CollisionWorld; 3],
-        level: &LevelLimits,
+        (world, robust): (usize, bool),
         bounds: &MotionBounds,
     ) -> &'t Predictions {
-        let all = worlds[level.world].predictions();
+        let all = worlds[world].predictions();
         let binding = match self.yielding[..] {
             [] => all,
-            _ => self.binding[level.world].get_or_init(|| all.without(&self.yielding)),
+            _ => self.binding[world].get_or_init(|| all.without(&self.yielding)),
         };
-        if level.robust {
-            self.reachable[level.world].get_or_init(|| binding.reachable(self.now, bounds))
-        } else {
-            binding
-        }
+        if robust { self.reachable[world].get_or_init(|| binding.reachable(self.now, bounds)) } else { binding }
     }
 }
 

@@ -12,7 +12,7 @@
 
 use super::level::{Level, LevelLimits};
 use super::record::ExpectedContact;
-use super::{Committed, CycleRecord, Planner, Smoothing, Start, committed_of};
+use super::{Committed, CycleRecord, Planner, Smoothing, Start};
 use crate::collision::{Blocker, Predictions, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
@@ -48,10 +48,10 @@ impl Planner<'_> {
         for level in &levels {
             record.attempt += 1;
             if let Some(choice) = self.choose(start, *level, record) {
-                record.chosen = Some(choice.candidate);
+                record.trace.chosen = Some(choice.candidate);
                 let profile = choice.proven.raw_profile.clone();
                 let unproven = LevelLimits { level: Level::Unproven, ..*level };
-                let committed = committed_of(start, unproven, choice, profile, Smoothing::EmergencyStop);
+                let committed = self.committed_of(start, unproven, choice, profile, Smoothing::EmergencyStop);
                 return (committed, start.lead_contact);
             }
         }
@@ -67,6 +67,9 @@ impl Planner<'_> {
             smoothing: Smoothing::EmergencyStop,
             is_refined: false,
             lead: start.lead.length(),
+            world: 1,
+            sweeps: Vec::new(),
+            statics: self.known.statics,
             path_cost: 0.0,
             robust: false,
         };
@@ -83,7 +86,7 @@ impl Planner<'_> {
         record: &mut CycleRecord,
     ) {
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
-            let paths = self.lattice_paths(start, lane, level, &mut record.edges);
+            let paths = self.lattice_paths(start, lane, level, &mut record.trace.edges);
             let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
             let situation = self.situation(start, on, level);
             for path in paths.iter().filter(|path| !situation.is_curve_speed_infeasible(path)) {
@@ -105,7 +108,7 @@ impl Planner<'_> {
         let arc = CubicSpiral { knots: [p.curvature.clamp(-bound, bound); 4], length };
         let path = Path::new(p.pose, &[arc]).or_else(|| Path::new(p.pose, &[CubicSpiral::straight(length)]));
         let path = path.unwrap_or_else(|| unreachable!("a straight spiral of positive length is a path"));
-        let world = &self.worlds[1];
+        let world = &self.known.worlds[1];
         let sweep = world.sweep_path(&path);
         let blocked_at = world.static_hit(&sweep).map(|hit| (hit.station, hit.what));
         self.braking_along(start, &path, &[&sweep], blocked_at, deceleration)
@@ -130,7 +133,7 @@ impl Planner<'_> {
         } else {
             path.clone()
         };
-        let predictions = self.worlds[1].predictions();
+        let predictions = self.known.worlds[1].predictions();
         let contact = first_contact(predictions, sweeps, blocked_at, &profile, (p.time, f64::INFINITY));
         Some(Braking { trajectory: start.lead.followed_by(&path, &profile), contact: start.lead_contact.or(contact) })
     }

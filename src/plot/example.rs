@@ -11,7 +11,7 @@ use crate::map::{
     Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part, PlanningProblem, Scenario, Shape, StopLine,
     TimedOccupancy, TimedPose,
 };
-use crate::planner::{Candidate, Cycle, Decision, Rejection, StageSeconds};
+use crate::planner::{Candidate, Cycle, Decision, Plan, Rejection, StageSeconds, Trace};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedProfile, Trajectory};
 use crate::vehicle::{Comfort, Footprint, Vehicle};
@@ -184,10 +184,8 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     });
     let kept = index == 8;
     let committed = Trajectory { start_time: time, path: driven.path.clone(), profile };
-    Cycle {
-        decision: if kept { Decision::KeepPrevious } else { Decision::NewPlan { deceleration: 3.5 } },
-        level: crate::planner::Level::Comfort,
-        expected_contact: None,
+    let decision = if kept { Decision::KeepPrevious } else { Decision::NewPlan };
+    let trace = Trace {
         reference: (0..=30).map(|i| at(2.0 + 3.0 * f64::from(i), 0.0)).collect(),
         candidates: candidates.collect(),
         blocked: (0..10)
@@ -197,8 +195,10 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         chosen: (!kept).then_some(0),
         expansions: 120,
         stage_seconds: StageSeconds { total: 0.002, ..StageSeconds::default() },
-        ..fixtures::cycle(time, committed)
-    }
+        ..Trace::default()
+    };
+    let plan = fixtures::cycle(time, committed).plan;
+    Cycle { plan: Plan { decision, deceleration: 3.5, ..plan }, trace }
 }
 
 fn log(driven: &Trajectory, vehicle: &Vehicle) -> Log {

@@ -208,7 +208,7 @@ fn legend(svg: &mut Svg, corner: Page, scene: &Scene) {
         (true, Mark::Line(style::DRIVEN, "", 1.8), format!("{drive} rear axle")),
         (!run.cycles.is_empty(), Mark::Line(style::PLAN, "", 1.2), "committed plans".into()),
         (
-            run.cycles.iter().any(|c| !c.candidates.is_empty()),
+            run.cycles.iter().any(|c| !c.trace.candidates.is_empty()),
             Mark::Line(style::CANDIDATE, "", 1.0),
             "candidates".into(),
         ),
@@ -277,7 +277,7 @@ const TIME: &str = "time, s";
 /// Speed, accelerations and jerk over time.
 fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
     let (from, to) = motion.time_range();
-    let stopped = run.cycles.iter().map(|c| c.committed.end_time()).fold(to, f64::max);
+    let stopped = run.cycles.iter().map(|c| c.plan.trajectory.end_time()).fold(to, f64::max);
     let time = (from, stopped.clamp(to, to + TAIL));
     let comfort = &run.vehicle.comfort;
     let samples = motion.thinned(CURVE_STEP);
@@ -366,13 +366,13 @@ fn panels(run: &Run, motion: &Motion) -> [Panel; 4] {
 fn proof_tails(run: &Run) -> Vec<Curve> {
     let mut tails: Vec<Curve> = Vec::new();
     let mut next = f64::NEG_INFINITY;
-    for cycle in run.cycles.iter().filter(|c| c.time.is_finite()) {
-        if cycle.time < next {
+    for cycle in run.cycles.iter().filter(|c| c.plan.time.is_finite()) {
+        if cycle.plan.time < next {
             continue;
         }
-        next = cycle.time + 0.5 - 1e-9;
-        let plan = &cycle.committed;
-        let points = steps(cycle.time, plan).map(|t| (t, plan.at(t).speed)).collect();
+        next = cycle.plan.time + 0.5 - 1e-9;
+        let plan = &cycle.plan.trajectory;
+        let points = steps(cycle.plan.time, plan).map(|t| (t, plan.at(t).speed)).collect();
         tails.push(Curve { points, colour: style::PLAN.into(), width: 0.8, dash: "", class: "proof" });
     }
     tails
@@ -518,11 +518,11 @@ mod tests {
     fn a_plan_is_shown_from_the_current_time_on() {
         let example = Example::new();
         let mut run = example.run();
-        let old = run.cycles[0].committed.clone();
+        let old = run.cycles[0].plan.trajectory.clone();
         run.cycles.truncate(2);
-        run.cycles[1].committed = old;
+        run.cycles[1].plan.trajectory = old;
         let tails = proof_tails(&run);
-        assert_eq!(tails[1].points[0].0, run.cycles[1].time);
+        assert_eq!(tails[1].points[0].0, run.cycles[1].plan.time);
         assert!(tails.iter().all(|t| t.points.windows(2).all(|w| w[0].0 < w[1].0)), "in order of time");
         assert!(tails.iter().all(|t| t.points[t.points.len() - 1].1 == 0.0), "down to the stop");
     }

@@ -108,8 +108,8 @@ pub(crate) fn speed_limit_at(network: &RoadNetwork, pose: &Pose) -> Option<f64> 
 
 fn planned(run: &Run) -> Vec<MotionSample> {
     let Some(cycle) = run.cycles.first() else { return Vec::new() };
-    let plan = &cycle.committed;
-    let (from, to) = (cycle.time.max(plan.start_time), plan.end_time().max(cycle.time));
+    let plan = &cycle.plan.trajectory;
+    let (from, to) = (cycle.plan.time.max(plan.start_time), plan.end_time().max(cycle.plan.time));
     let steps = ((to - from) / PLAN_STEP).ceil().clamp(1.0, 100_000.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped above
     (0..=steps as usize)
@@ -204,7 +204,7 @@ mod tests {
         run.log.samples.clear();
         let motion = Motion::of(&run);
         assert!(!motion.driven);
-        let plan = &run.cycles[0].committed;
+        let plan = &run.cycles[0].plan.trajectory;
         let (from, to) = motion.time_range();
         assert_eq!(from, plan.start_time);
         assert!((to - plan.end_time()).abs() < 1e-9);

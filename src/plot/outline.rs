@@ -135,7 +135,7 @@ const SMALLEST: (f64, f64) = (48.0, 18.0);
 pub(crate) fn action_bounds(run: &Run, motion: &Motion) -> Bounds {
     let start = run.vehicle.rear_axle_of_centre(&run.problem.initial.centre);
     let driven = motion.thinned(0.1).into_iter().map(|s| s.pose);
-    let planned = run.cycles.iter().flat_map(|c| c.committed.path.sampled(2.0)).map(|(_, p)| p.pose);
+    let planned = run.cycles.iter().flat_map(|c| c.plan.trajectory.path.sampled(2.0)).map(|(_, p)| p.pose);
     let corners: Vec<Point> =
         std::iter::once(start).chain(driven).chain(planned).flat_map(|p| footprint(run.vehicle, &p).concat()).collect();
     let origin = Bounds { min: Point::origin(), max: Point::origin() };

@@ -114,7 +114,7 @@ impl Scene<'_> {
         let Some(cycle) = interesting_cycle(&self.run.cycles) else { return };
         let style = Element::new("g").with("id", "candidates").with("stroke", style::CANDIDATE).with("fill", "none");
         svg.group(&style.num("stroke-width", 0.8), |svg| {
-            for candidate in &cycle.candidates {
+            for candidate in &cycle.trace.candidates {
                 let points: Vec<Point> =
                     candidate.path.sampled(PATH_SPACING).iter().map(|(_, p)| p.pose.position).collect();
                 let line = view.line(&points).with("class", candidate.rejected.map_or("accepted", Rejection::code));
@@ -307,8 +307,8 @@ pub(super) fn moving_colour(obstacle: &Obstacle) -> &'static str {
 
 /// The path of the committed plan from the vehicle to its end.
 fn planned_points(cycle: &Cycle) -> Vec<Point> {
-    let plan = &cycle.committed;
-    let (from, to) = (plan.at(cycle.time).station, plan.profile.last().station);
+    let plan = &cycle.plan.trajectory;
+    let (from, to) = (plan.at(cycle.plan.time).station, plan.profile.last().station);
     let steps = ((to - from) / PATH_SPACING).ceil().clamp(1.0, 10_000.0);
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped above
     let points = (0..=steps as usize).map(|i| plan.path.at(from + (to - from) * i as f64 / steps).pose.position);
@@ -317,8 +317,9 @@ fn planned_points(cycle: &Cycle) -> Vec<Point> {
 
 /// The cycle with the most infeasible candidates, then with the most candidates, then the earliest.
 fn interesting_cycle(cycles: &[Cycle]) -> Option<&Cycle> {
-    let score = |c: &Cycle| (c.candidates.iter().filter(|k| refusal(k).is_some()).count(), c.candidates.len());
-    cycles.iter().rev().max_by_key(|c| score(c)).filter(|c| !c.candidates.is_empty())
+    let score =
+        |c: &Cycle| (c.trace.candidates.iter().filter(|k| refusal(k).is_some()).count(), c.trace.candidates.len());
+    cycles.iter().rev().max_by_key(|c| score(c)).filter(|c| !c.trace.candidates.is_empty())
 }
 
 /// A bar of a rounded length in the lower left corner.

@@ -163,8 +163,8 @@ fn recording_id(run: &Run) -> String {
     hash.update(run.problem.id.to_le_bytes());
     hash.update(run.outcome.name().as_bytes());
     for cycle in &run.cycles {
-        hash.update(cycle.time.to_le_bytes());
-        hash.update(cycle.committed.end_time().to_le_bytes());
+        hash.update(cycle.plan.time.to_le_bytes());
+        hash.update(cycle.plan.trajectory.end_time().to_le_bytes());
     }
     for sample in &run.log.samples {
         for number in [sample.time, sample.pose.position.x, sample.pose.position.y, sample.pose.yaw, sample.speed] {
@@ -288,8 +288,8 @@ mod tests {
         }
         let mut run = example.run();
         run.log.samples[5].acceleration = f64::NAN;
-        run.cycles[3].time = f64::NAN;
-        run.cycles[4].blocked.push(((f64::NAN, 3.0), (0.0, f64::INFINITY)));
+        run.cycles[3].plan.time = f64::NAN;
+        run.cycles[4].trace.blocked.push(((f64::NAN, 3.0), (0.0, f64::INFINITY)));
         assert!(!recorded(&run).unwrap().is_empty());
     }
 }

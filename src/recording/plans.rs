@@ -24,18 +24,18 @@ const PLAN_SPACING: f64 = 0.5;
 /// Logs every planning cycle.
 pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
     context.run.cycles.iter().try_for_each(|cycle| {
-        context.set_time(cycle.time);
+        context.set_time(cycle.plan.time);
         log_cycle(context, cycle)
     })
 }
 
 /// Logs one cycle at the current time of the stream.
 fn log_cycle(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
-    let reference = vec![context.line(&cycle.reference)];
+    let reference = vec![context.line(&cycle.trace.reference)];
     context.log("map/plan/reference", &strips(reference, style::REFERENCE, pixels(0.6), order::REFERENCE))?;
     log_candidates(context, cycle)?;
-    let plan = &cycle.committed;
-    let (from, to) = (plan.profile.at(cycle.time - plan.start_time).station, plan.profile.last().station);
+    let plan = &cycle.plan.trajectory;
+    let (from, to) = (plan.profile.at(cycle.plan.time - plan.start_time).station, plan.profile.last().station);
     let ahead: Vec<Point> = (plan.path.sampled(PLAN_SPACING).iter())
         .filter(|(station, _)| (from..=to).contains(station))
         .map(|(_, p)| p.pose.position)
@@ -53,8 +53,8 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
         let points = c.path.sampled((c.path.length() / CANDIDATE_POINTS).max(0.5));
         context.line(&points.iter().map(|(_, p)| p.pose.position).collect::<Vec<_>>())
     };
-    let chosen = cycle.chosen.and_then(|i| cycle.candidates.get(i));
-    let all = || cycle.candidates.iter();
+    let chosen = cycle.trace.chosen.and_then(|i| cycle.trace.candidates.get(i));
+    let all = || cycle.trace.candidates.iter();
     let accepted = all().filter(|c| refusal(c).is_none()).map(line).collect();
     let rejected = all().filter(|c| refusal(c).is_some()).map(line).collect();
     let chosen = chosen.map(line).into_iter().collect();
@@ -62,15 +62,15 @@ fn log_candidates(context: &Context, cycle: &Cycle) -> Result<(), RecordingError
     context.log("map/plan/candidates/accepted", &strips(accepted, style::ACCEPTED, pixels(0.7), order::CANDIDATES))?;
     context.log("map/plan/candidates/chosen", &strips(chosen, style::CHOSEN, pixels(1.2), order::CANDIDATES))?;
     log_costs(context, cycle)?;
-    let (places, labels) = rejection_labels(context, &cycle.candidates);
+    let (places, labels) = rejection_labels(context, &cycle.trace.candidates);
     let points = Points2D::new(places).with_radii([pixels(1.5)]).with_colors([style::STOP_LINE]);
     context.log("map/plan/candidates/reasons", &points.with_labels(labels).with_draw_order(order::LABELS))
 }
 
 /// Labels the end of the chosen candidate with its cost by terms, and with that of the runner-up.
 fn log_costs(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
-    let chosen = cycle.chosen.and_then(|i| cycle.candidates.get(i));
-    let alternatives = cycle.candidates.iter().filter(|c| c.rejected == Some(Rejection::HigherCost));
+    let chosen = cycle.trace.chosen.and_then(|i| cycle.trace.candidates.get(i));
+    let alternatives = cycle.trace.candidates.iter().filter(|c| c.rejected == Some(Rejection::HigherCost));
     let runner_up = alternatives.min_by(|a, b| a.cost.total_cmp(&b.cost));
     let label = |c: &Candidate| {
         let next = runner_up.map(|r| format!("\nrunner-up {}", cost_by_terms(r))).unwrap_or_default();

@@ -129,11 +129,11 @@ impl StationTime {
     pub(super) fn of(cycles: &[Cycle]) -> Self {
         let least = Self { seconds: 4.0, metres: 20.0 };
         cycles.iter().fold(least, |extent, cycle| {
-            let plan = &cycle.committed;
-            let ahead = plan.profile.last().station - plan.at(cycle.time).station;
+            let plan = &cycle.plan.trajectory;
+            let ahead = plan.profile.last().station - plan.at(cycle.plan.time).station;
             Self {
                 // `max` drops what is not a number
-                seconds: extent.seconds.max(plan.end_time() - cycle.time + 0.5).min(MAX_TIME_SPAN),
+                seconds: extent.seconds.max(plan.end_time() - cycle.plan.time + 0.5).min(MAX_TIME_SPAN),
                 metres: extent.metres.max(1.15 * ahead + 5.0).min(2000.0),
             }
         })
@@ -163,19 +163,19 @@ fn log_station_time(context: &Context) -> Result<(), RecordingError> {
     let extent = StationTime::of(&context.run.cycles);
     log_axes(context, &extent)?;
     for cycle in &context.run.cycles {
-        context.set_time(cycle.time);
-        let plan = &cycle.committed;
-        let now = plan.at(cycle.time).station;
+        context.set_time(cycle.plan.time);
+        let plan = &cycle.plan.trajectory;
+        let now = plan.at(cycle.plan.time).station;
         let steps = (extent.seconds / 0.1).ceil();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most 1200
         let curve: Vec<Point> = (0..=steps as usize)
             .map(|i| extent.seconds * i as f64 / steps)
-            .map(|t| extent.place(t, plan.at(cycle.time + t).station - now))
+            .map(|t| extent.place(t, plan.at(cycle.plan.time + t).station - now))
             .collect();
         let line = LineStrips2D::new([flat(&curve)]).with_colors([PLAN]).with_radii([pixels(1.5)]);
         context.log("st/plan", &line.with_draw_order(10.0))?;
         let cells: Vec<[Point; 4]> =
-            cycle.blocked.iter().filter_map(|cell| corners(&extent, cycle, now, cell)).collect();
+            cycle.trace.blocked.iter().filter_map(|cell| corners(&extent, cycle, now, cell)).collect();
         let ring = |c: &[Point; 4]| flat(&[c[0], c[1], c[2], c[3], c[0]]);
         let edges = LineStrips2D::new(cells.iter().map(ring)).with_colors([BLOCKED_EDGE]);
         context.log("st/blocked", &edges.with_radii([pixels(0.5)]).with_draw_order(6.0))?;
@@ -193,8 +193,8 @@ fn corners(
     now: f64,
     &((near, far), (from, to)): &((f64, f64), (f64, f64)),
 ) -> Option<[Point; 4]> {
-    let low = extent.clamped(from - cycle.time, near - now);
-    let high = extent.clamped(to - cycle.time, far - now);
+    let low = extent.clamped(from - cycle.plan.time, near - now);
+    let high = extent.clamped(to - cycle.plan.time, far - now);
     let is_visible = high.x > low.x && low.y > high.y;
     is_visible.then_some([low, Point::new(high.x, low.y), high, Point::new(low.x, high.y)])
 }
@@ -228,9 +228,9 @@ mod tests {
         let run = example.run();
         let extent = StationTime::of(&run.cycles);
         for cycle in &run.cycles {
-            let plan = &cycle.committed;
-            assert!(plan.end_time() - cycle.time < extent.seconds);
-            assert!(plan.profile.last().station - plan.at(cycle.time).station < extent.metres);
+            let plan = &cycle.plan.trajectory;
+            assert!(plan.end_time() - cycle.plan.time < extent.seconds);
+            assert!(plan.profile.last().station - plan.at(cycle.plan.time).station < extent.metres);
         }
         let (x, y) = extent.view();
         let corner = extent.place(extent.seconds, extent.metres);
@@ -243,14 +243,14 @@ mod tests {
         let example = Example::new();
         let run = example.run();
         let (extent, cycle) = (StationTime::of(&run.cycles), &run.cycles[0]);
-        let now = cycle.committed.at(cycle.time).station;
-        let unlimited = ((now + 5.0, f64::INFINITY), (cycle.time + 1.0, f64::INFINITY));
+        let now = cycle.plan.trajectory.at(cycle.plan.time).station;
+        let unlimited = ((now + 5.0, f64::INFINITY), (cycle.plan.time + 1.0, f64::INFINITY));
         let cell = corners(&extent, cycle, now, &unlimited).unwrap();
         assert_eq!(cell[0], extent.place(1.0, 5.0));
         assert_eq!(cell[2], extent.place(extent.seconds, extent.metres));
-        let past = ((now + 5.0, now + 9.0), (cycle.time - 2.0, cycle.time - 1.0));
+        let past = ((now + 5.0, now + 9.0), (cycle.plan.time - 2.0, cycle.plan.time - 1.0));
         assert_eq!(corners(&extent, cycle, now, &past), None);
-        let behind = ((now - 9.0, now - 5.0), (cycle.time, cycle.time + 1.0));
+        let behind = ((now - 9.0, now - 5.0), (cycle.plan.time, cycle.plan.time + 1.0));
         assert_eq!(corners(&extent, cycle, now, &behind), None);
     }
 }

@@ -35,7 +35,7 @@ fn lines(run: &Run) -> Vec<Line> {
     for cycle in &run.cycles {
         let kind = Kind::of(run, cycle);
         if last != Some(kind) {
-            lines.push(Line { time: cycle.time, level: kind.level(), text: summary(cycle) });
+            lines.push(Line { time: cycle.plan.time, level: kind.level(), text: summary(cycle) });
             last = Some(kind);
         }
     }
@@ -72,10 +72,10 @@ enum Kind {
 
 impl Kind {
     fn of(run: &Run, cycle: &Cycle) -> Self {
-        match cycle.decision {
-            Decision::NewPlan { deceleration } => Self::NewPlan {
+        match cycle.plan.decision {
+            Decision::NewPlan => Self::NewPlan {
                 lane: chosen(cycle).map(|c| c.lane),
-                is_comfortable: deceleration <= run.vehicle.comfort.deceleration + COMFORT_TOLERANCE,
+                is_comfortable: cycle.plan.deceleration <= run.vehicle.comfort.deceleration + COMFORT_TOLERANCE,
             },
             Decision::KeepPrevious => Self::KeepPrevious { below_threshold: is_below_threshold(cycle) },
             Decision::Unproven => Self::Unproven,
@@ -91,31 +91,32 @@ impl Kind {
 }
 
 fn chosen(cycle: &Cycle) -> Option<&Candidate> {
-    cycle.chosen.and_then(|i| cycle.candidates.get(i))
+    cycle.trace.chosen.and_then(|i| cycle.trace.candidates.get(i))
 }
 
 /// Whether the previous plan is kept although another one is proven.
 fn is_below_threshold(cycle: &Cycle) -> bool {
-    cycle.rejections(Rejection::BelowSwitchingThreshold) > 0
+    cycle.trace.rejections(Rejection::BelowSwitchingThreshold) > 0
 }
 
 /// The committed plan and the reason for it: decision, fallback stop, cost by terms, rejections.
 fn summary(cycle: &Cycle) -> String {
-    let plan = &cycle.committed;
-    let ahead = plan.profile.last().station - plan.at(cycle.time).station;
+    let plan = &cycle.plan.trajectory;
+    let ahead = plan.profile.last().station - plan.at(cycle.plan.time).station;
     let stop = format!("fallback stop at {ahead:.1} m");
-    let mut text = match cycle.decision {
-        Decision::NewPlan { deceleration } => {
+    let mut text = match cycle.plan.decision {
+        Decision::NewPlan => {
+            let deceleration = cycle.plan.deceleration;
             let lane = chosen(cycle).map_or_else(String::new, |c| format!(" on route lane {}", c.lane));
-            let robust = if cycle.is_robust { ", robust" } else { "" };
-            let level = cycle.level;
+            let robust = if cycle.plan.is_robust { ", robust" } else { "" };
+            let level = cycle.plan.level;
             format!("new plan{lane}, level {level}: {stop} with at most {deceleration:.1} m/s²{robust}")
         }
         Decision::KeepPrevious if is_below_threshold(cycle) => {
             format!("keep previous plan: the best candidate is below the switching threshold; {stop}")
         }
         Decision::KeepPrevious => format!("keep previous plan: no candidate has a proven stop; {stop}"),
-        Decision::Unproven => match &cycle.expected_contact {
+        Decision::Unproven => match &cycle.plan.expected_contact {
             Some(contact) => format!("unproven: {contact}"),
             None => "unproven: no contact expected".into(),
         },
@@ -123,10 +124,10 @@ fn summary(cycle: &Cycle) -> String {
     if let Some(candidate) = chosen(cycle) {
         let _ = write!(text, "; cost {}", cost_by_terms(candidate));
     }
-    if !cycle.candidates.is_empty() {
-        let _ = write!(text, "; {} candidates", cycle.candidates.len());
+    if !cycle.trace.candidates.is_empty() {
+        let _ = write!(text, "; {} candidates", cycle.trace.candidates.len());
     }
-    let counts = Rejection::ALL.map(|reason| (reason, cycle.rejections(reason)));
+    let counts = Rejection::ALL.map(|reason| (reason, cycle.trace.rejections(reason)));
     let rejected = counts.iter().filter(|(_, count)| *count > 0).map(|(reason, count)| format!("{count} {reason}"));
     let rejected: Vec<String> = rejected.collect();
     if !rejected.is_empty() {

@@ -99,19 +99,16 @@ fn rejections(planning: &Planning) -> Value {
 /// A planning cycle with its candidates, for `--json-cycles`.
 #[must_use]
 pub fn cycle(cycle: &Cycle) -> Value {
-    let deceleration = match cycle.decision {
-        Decision::NewPlan { deceleration } => Some(deceleration),
-        Decision::KeepPrevious | Decision::Unproven => None,
-    };
+    let deceleration = (cycle.plan.decision != Decision::Unproven).then_some(cycle.plan.deceleration);
     json!({
-        "time_s": cycle.time,
-        "decision": cycle.decision.name(),
-        "level": cycle.level.name(),
+        "time_s": cycle.plan.time,
+        "decision": cycle.plan.decision.name(),
+        "level": cycle.plan.level.name(),
         "summary": cycle.summary(),
         "deceleration_mps2": deceleration,
-        "expected_contact": cycle.expected_contact.map(|c| json!({ "with": c.what.to_string(), "time_s": c.time, "speed_mps": c.speed })),
-        "robust": cycle.is_robust,
-        "expansions": cycle.expansions,
+        "expected_contact": cycle.plan.expected_contact.map(|c| json!({ "with": c.what.to_string(), "time_s": c.time, "speed_mps": c.speed })),
+        "robust": cycle.plan.is_robust,
+        "expansions": cycle.trace.expansions,
         "candidates": candidates(cycle),
     })
 }
@@ -131,7 +128,7 @@ fn candidates(cycle: &Cycle) -> Value {
             "rejected": c.rejected.map(|why| why.code()),
         })
     };
-    cycle.candidates.iter().map(one).collect()
+    cycle.trace.candidates.iter().map(one).collect()
 }
 
 fn checks(run: &Run) -> Value {
@@ -189,9 +186,8 @@ fn issues(run: &Run) -> Value {
 fn plan(run: &Run, samples: &[Sample]) -> Value {
     /// Every tenth sample is listed: one in 0.1 s.
     const EVERY: usize = 10;
-    let Some(Decision::NewPlan { deceleration }) = super::planned_cycle(run).map(|c| c.decision) else {
-        return Value::Null;
-    };
+    let planned = super::planned_cycle(run).filter(|c| c.plan.decision == Decision::NewPlan);
+    let Some(deceleration) = planned.map(|c| c.plan.deceleration) else { return Value::Null };
     let state = |s: &Sample| {
         json!({
             "time_s": s.time,

@@ -124,35 +124,35 @@ fn passes(kind: Kind, run: &Run) -> bool {
 
 fn planning(run: &Run, settings: &Settings) -> Planning {
     let proven = |decision: Decision| !matches!(decision, Decision::Unproven);
-    let new_plans = run.cycles.iter().filter(|c| matches!(c.decision, Decision::NewPlan { .. }));
+    let new_plans = run.cycles.iter().filter(|c| c.plan.decision == Decision::NewPlan);
     let mut smoothing: BTreeMap<_, _> = Smoothing::CODES.iter().map(|code| (*code, 0)).collect();
     let mut unsmoothed: BTreeMap<_, _> = smoothing::Failure::codes().map(|code| (code, 0)).collect();
     for cycle in &run.cycles {
-        *smoothing.entry(cycle.smoothing.code()).or_default() += 1;
-        if let Smoothing::Unsmoothed(why) = cycle.smoothing {
+        *smoothing.entry(cycle.plan.smoothing.code()).or_default() += 1;
+        if let Smoothing::Unsmoothed(why) = cycle.plan.smoothing {
             *unsmoothed.entry(why.code()).or_default() += 1;
         }
     }
     let mut edges = EdgeCounts::default();
-    run.cycles.iter().for_each(|c| edges.add(&c.edges));
-    let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.rejections(why)).sum());
+    run.cycles.iter().for_each(|c| edges.add(&c.trace.edges));
+    let rejected = |why: Rejection| (why, run.cycles.iter().map(|c| c.trace.rejections(why)).sum());
     let comfortable = run.vehicle.comfort.deceleration;
-    let creeps = |c: &&Cycle| tail::creeping_time(&c.committed.profile, comfortable) > tail::MAX_CREEPING_TIME;
+    let creeps = |c: &&Cycle| tail::creeping_time(&c.plan.trajectory.profile, comfortable) > tail::MAX_CREEPING_TIME;
     Planning {
         rejections: Rejection::ALL.map(rejected).to_vec(),
         edges,
         cycles: run.cycles.len(),
-        proven_cycles: run.cycles.iter().filter(|c| proven(c.decision)).count(),
+        proven_cycles: run.cycles.iter().filter(|c| proven(c.plan.decision)).count(),
         robust_cycles: (settings.planner.uncertainty.mode != UncertaintyMode::Off)
-            .then(|| run.cycles.iter().filter(|c| c.is_robust).count()),
-        refined_cycles: run.cycles.iter().filter(|c| c.is_refined).count(),
-        expansions: run.cycles.iter().map(|c| c.expansions).sum(),
-        candidates: run.cycles.iter().map(|c| c.candidates.len()).sum(),
+            .then(|| run.cycles.iter().filter(|c| c.plan.is_robust).count()),
+        refined_cycles: run.cycles.iter().filter(|c| c.trace.is_refined).count(),
+        expansions: run.cycles.iter().map(|c| c.trace.expansions).sum(),
+        candidates: run.cycles.iter().map(|c| c.trace.candidates.len()).sum(),
         smoothing,
         unsmoothed,
         creeping_cycles: run.cycles.iter().filter(creeps).count(),
-        time_ms: Times::of(run.cycles.iter().map(|c| c.stage_seconds.total)),
-        smoothing_ms: Times::of(new_plans.map(|c| c.stage_seconds.smoothing)),
+        time_ms: Times::of(run.cycles.iter().map(|c| c.trace.stage_seconds.total)),
+        smoothing_ms: Times::of(new_plans.map(|c| c.trace.stage_seconds.smoothing)),
     }
 }
 
@@ -183,12 +183,12 @@ fn planned(run: &Run) -> Log {
     /// Time between two samples, s.
     const INTERVAL: f64 = 0.01;
     let Some(cycle) = planned_cycle(run) else { return Log::default() };
-    let (start, end) = (cycle.committed.start_time, cycle.committed.end_time());
+    let (start, end) = (cycle.plan.trajectory.start_time, cycle.plan.trajectory.end_time());
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a plan of seconds
     let count = ((end - start) / INTERVAL).ceil().clamp(0.0, 1e6) as usize;
     let sample = |i: usize| {
         #[allow(clippy::cast_precision_loss)] // at most 1e6
-        let p = cycle.committed.at((start + i as f64 * INTERVAL).min(end));
+        let p = cycle.plan.trajectory.at((start + i as f64 * INTERVAL).min(end));
         let (yaw_rate, steering) = (p.speed * p.curvature, run.vehicle.steering_for_curvature(p.curvature));
         Sample {
             time: p.time,

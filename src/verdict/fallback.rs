@@ -374,7 +374,7 @@ mod tests {
 
     /// The clean run as a branch: it brakes at 2 m/s² at most and stops at x = 82 m at 13 s.
     fn assessed(s: &Story, promised: f64, inherited: f64) -> Fallback {
-        let trajectory = &s.cycles[0].committed;
+        let trajectory = &s.cycles[0].plan.trajectory;
         let branch = FallbackBranch { cycle: 3, is_change: false, trajectory, promised, inherited, log: &s.log };
         FallbackJudge::new(&s.scenario, &s.vehicle, &s.settings).assess(&branch)
     }
@@ -422,8 +422,8 @@ mod tests {
                 s.scenario.obstacles[1] = s.place.moving(101, (14.0, 18.0), (140.0, 0.0), (84.0, 0.0));
             }),
             (Kind::Standstill, "a plan that ends moving", |s| {
-                let knots = s.cycles[0].committed.profile.knots()[..2].to_vec();
-                s.cycles[0].committed.profile = SpeedProfile::new(knots).unwrap();
+                let knots = s.cycles[0].plan.trajectory.profile.knots()[..2].to_vec();
+                s.cycles[0].plan.trajectory.profile = SpeedProfile::new(knots).unwrap();
             }),
             (Kind::Standstill, "a vehicle that still moves", |s| s.log.samples.truncate(1100)),
             (Kind::Stop, "a stop 0.15 m beyond the planned one", |s| {
@@ -444,7 +444,7 @@ mod tests {
             (Kind::Start, "a plan for another place", |s| {
                 let x = 10.0 - s.vehicle.rear_axle_to_centre;
                 // beside the path, so that the station of the stop is unchanged
-                s.cycles[0].committed.path = s.place.straight(x, 1.6, 72.0);
+                s.cycles[0].plan.trajectory.path = s.place.straight(x, 1.6, 72.0);
             }),
             (Kind::Numbers, "a number that is not finite", |s| s.log.broke_at = Some(3.0)),
         ];
@@ -498,7 +498,7 @@ mod tests {
     fn a_vehicle_off_the_road_may_return_but_not_move_farther_off() {
         let mut s = Story::clean();
         s.displace(|m| (0.0, 1.5 * (1.0 - m.time / 5.0).max(0.0)));
-        s.cycles[0].committed.path = s.place.straight(10.0 - s.vehicle.rear_axle_to_centre, 0.5, 72.0);
+        s.cycles[0].plan.trajectory.path = s.place.straight(10.0 - s.vehicle.rear_axle_to_centre, 0.5, 72.0);
         assert_eq!(kind(&s), None);
         s.displace(|m| (0.0, super::super::testing::bump(m.time, 0.5, 2.0, 1.0)));
         assert_eq!(kind(&s), Some(Kind::Road));

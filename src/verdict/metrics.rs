@@ -69,7 +69,7 @@ pub fn metrics(scenario: &Scenario, vehicle: &Vehicle, cycles: &[Cycle], log: &L
         stop_error_m: stops::stop_error(cycles, log, settings.standstill_speed).map(|(error, _)| error),
         min_clearance_m: contact::nearest(scenario, vehicle, &contact::places(log)).map(|n| n.gap.max(0.0)),
         plan_switches_per_minute: 60.0 * per(plan_switches(cycles) as f64, duration),
-        kept_plans: cycles.iter().filter(|c| c.decision == Decision::KeepPrevious).count(),
+        kept_plans: cycles.iter().filter(|c| c.plan.decision == Decision::KeepPrevious).count(),
         max_tracking_error_m: largest(&mut errors.iter().map(|e| e.0.hypot(e.1))),
         max_lateral_tracking_error_m: largest(&mut errors.iter().map(|e| e.1)),
         max_longitudinal_tracking_error_m: largest(&mut errors.iter().map(|e| e.0)),
@@ -78,7 +78,7 @@ pub fn metrics(scenario: &Scenario, vehicle: &Vehicle, cycles: &[Cycle], log: &L
 
 /// Cycles whose path departs from the path committed before.
 fn plan_switches(cycles: &[Cycle]) -> usize {
-    cycles.windows(2).filter(|w| departs(&w[0].committed, &w[1].committed, w[1].time)).count()
+    cycles.windows(2).filter(|w| departs(&w[0].plan.trajectory, &w[1].plan.trajectory, w[1].plan.time)).count()
 }
 
 /// Whether a new path lies more than half a metre beside the old one at some point ahead that both reach.
@@ -170,9 +170,9 @@ mod tests {
     fn only_a_path_beside_the_old_one_is_a_switch() {
         let mut s = Story::clean();
         let replan = |s: &Story, time: f64, y: f64| {
-            let station = s.cycles[0].committed.at(time).station;
-            let mut c = cycle(time, s.cycles[0].committed.clone());
-            c.committed.path = s.place.straight(station + 8.578, y, 72.0 - station);
+            let station = s.cycles[0].plan.trajectory.at(time).station;
+            let mut c = cycle(time, s.cycles[0].plan.trajectory.clone());
+            c.plan.trajectory.path = s.place.straight(station + 8.578, y, 72.0 - station);
             c
         };
         // the remainder of the path, or a small offset: the same plan

@@ -298,9 +298,9 @@ mod tests {
                 s.displace(|m| (0.15 * m.time.min(13.0) / 13.0, 0.0))
             }),
             ("stops", "a stop 0.4 m before the planned one", |s| s.displace(|m| (-0.4 * m.time.min(13.0) / 13.0, 0.0))),
-            ("stop_proven", "one cycle without a plan", |s| s.cycles[70].decision = Decision::Unproven),
+            ("stop_proven", "one cycle without a plan", |s| s.cycles[70].plan.decision = Decision::Unproven),
             ("stop_proven", "one committed trajectory that ends moving", |s| {
-                let committed = &mut s.cycles[70].committed;
+                let committed = &mut s.cycles[70].plan.trajectory;
                 let knots = committed.profile.knots()[..2].to_vec();
                 committed.profile = crate::trajectory::SpeedProfile::new(knots).unwrap();
             }),
@@ -453,10 +453,10 @@ mod tests {
     fn a_plan_made_at_standstill_does_not_hide_the_stop_error() {
         let mut s = Story::clean();
         s.displace(|m| (0.2 * m.time.min(13.0) / 13.0, 0.0));
-        for c in s.cycles.iter_mut().filter(|c| c.time > 13.05) {
+        for c in s.cycles.iter_mut().filter(|c| c.plan.time > 13.05) {
             // replanned from the measured pose
             let x = 82.2 - s.vehicle.rear_axle_to_centre;
-            c.committed.path = s.place.straight(x, 0.0, 0.005);
+            c.plan.trajectory.path = s.place.straight(x, 0.0, 0.005);
         }
         assert_eq!(s.failures(), ["stops"]);
     }
@@ -565,7 +565,7 @@ mod tests {
         assert!(stopped.ends_with("s; limit 0.30 m"), "{stopped}");
         let goal = note(|s| s.goal().yaw = Some(Interval { min: 3.0, max: 3.1 }));
         assert!(goal.starts_with("missed the goal: at best 1 condition unmet (heading) at "), "{goal}");
-        let unproven = note(|s| s.cycles[70].decision = Decision::Unproven);
+        let unproven = note(|s| s.cycles[70].plan.decision = Decision::Unproven);
         assert_eq!(unproven, "1 of 150 cycles committed to no proven stop, the first at 7.00 s");
         let aside = note(|s| {
             for m in &mut s.log.samples {

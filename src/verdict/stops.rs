@@ -24,8 +24,11 @@ const SETTLING: f64 = 1.0;
 /// moving, the vehicle never moved, or there is no such trajectory.
 pub(super) fn stop_error(cycles: &[Cycle], log: &Log, standstill_speed: f64) -> Option<(f64, f64)> {
     let (since, position) = final_standstill(log, standstill_speed)?;
-    let (trajectory, station) = cycles.iter().rev().filter(|c| c.time <= since).find_map(|c| {
-        Some((&c.committed, next_stop(&c.committed, c.time).filter(|s| s.ahead > STOPPED_ALREADY)?.station))
+    let (trajectory, station) = cycles.iter().rev().filter(|c| c.plan.time <= since).find_map(|c| {
+        Some((
+            &c.plan.trajectory,
+            next_stop(&c.plan.trajectory, c.plan.time).filter(|s| s.ahead > STOPPED_ALREADY)?.station,
+        ))
     })?;
     let planned = trajectory.path.at(station).pose;
     Some((planned.to_local(position).x, since))
@@ -62,8 +65,10 @@ const NAME: &str = "stops";
 pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Check {
     let Some(last) = log.samples.last() else { return Check::not_applicable(NAME, "m", "the log is empty") };
     if last.speed.abs() > settings.standstill_speed {
-        let planned =
-            cycles.last().filter(|c| c.committed.profile.ends_at_standstill()).map(|c| c.committed.end_time());
+        let planned = cycles
+            .last()
+            .filter(|c| c.plan.trajectory.profile.ends_at_standstill())
+            .map(|c| c.plan.trajectory.end_time());
         return ended_moving(last.speed.abs(), last.time, planned, settings);
     }
     let asked = settings.expect == Expectation::Stop;
@@ -128,10 +133,11 @@ fn ended_moving(speed: f64, time: f64, planned: Option<f64>, settings: &Settings
 
 /// The check: the share of cycles whose committed trajectory is proven and ends at standstill.
 pub(super) fn stop_proven(cycles: &[Cycle]) -> Check {
-    let unproven = |c: &&Cycle| c.decision == Decision::Unproven || !c.committed.profile.ends_at_standstill();
+    let unproven =
+        |c: &&Cycle| c.plan.decision == Decision::Unproven || !c.plan.trajectory.profile.ends_at_standstill();
     let (all, bad) = (cycles.len(), cycles.iter().filter(unproven).count());
-    let kept = cycles.iter().filter(|c| c.decision == Decision::KeepPrevious).count();
-    let first = cycles.iter().find(unproven).map(|c| c.time);
+    let kept = cycles.iter().filter(|c| c.plan.decision == Decision::KeepPrevious).count();
+    let first = cycles.iter().find(unproven).map(|c| c.plan.time);
     Check {
         name: "stop_proven",
         status: Status::of(bad == 0 && all > 0),

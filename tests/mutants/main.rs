@@ -13,8 +13,8 @@ use std::sync::Arc;
 
 use common::{VEHICLE, bundled, failures};
 use controllers::Flaw;
-use planners::{Belief, Changed, Late, Once, unchanged};
-use stopline::drive::{Driver, MotionPlanner, Run, Settings, drive_with, planner};
+use planners::{Belief, Believer, Changed, Late, Once, unchanged};
+use stopline::drive::{Driver, MotionPlanner, Run, Settings, drive_with};
 use stopline::map::Scenario;
 use stopline::planner::Cycle;
 use stopline::vehicle::Vehicle;
@@ -42,8 +42,7 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
     if let Mistake::Sees(change) = mistake {
         change(&mut belief);
     }
-    let problem = &belief.scenario.problems[0];
-    let real = planner(&belief.scenario, problem, &belief.vehicle, &belief.settings).unwrap();
+    let real = Believer::new(&belief);
     let change = if let Mistake::HandsOut(change) = mistake { *change } else { unchanged };
     let mut mutant: Box<dyn MotionPlanner> = match mistake {
         Mistake::IsLate => Box::new(Late { planner: real, waiting: VecDeque::new() }),

@@ -2,14 +2,14 @@
 
 use std::collections::VecDeque;
 
-use stopline::drive::{MotionPlanner, Settings};
+use stopline::drive::{MotionPlanner, Observer, Settings};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose};
 use stopline::map::{GoalPosition, Motion, Part, Scenario, TimedPose};
-use stopline::planner::{Cycle, Decision, Planner};
+use stopline::planner::{Cycle, Decision, Observation, Plan, Planner, PlannerError};
 use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
-use stopline::vehicle::{Footprint, State, Vehicle};
+use stopline::vehicle::{Footprint, Vehicle};
 
 /// The inputs of a mutated planner.
 #[derive(Clone)]
@@ -132,23 +132,43 @@ pub(crate) fn wider_road(belief: &mut Belief) {
     }
 }
 
+/// The real planner with its own observations.
+pub(crate) struct Believer<'a> {
+    pub(crate) planner: Planner<'a>,
+    pub(crate) observer: Observer<'a>,
+}
+
+impl<'a> Believer<'a> {
+    pub(crate) fn new(belief: &'a Belief) -> Self {
+        let Belief { scenario, vehicle, settings } = belief;
+        Self {
+            planner: Planner::new(scenario.map(), vehicle, &settings.planner).unwrap(),
+            observer: Observer::new(scenario, &scenario.problems[0], vehicle, settings),
+        }
+    }
+
+    fn cycle(&mut self, true_one: &Observation) -> Result<Cycle, PlannerError> {
+        self.planner.traced_cycle(&self.observer.observe(&true_one.state))
+    }
+}
+
 /// The real planner with changed plans.
 pub(crate) struct Changed<'a> {
-    pub(crate) planner: Planner<'a>,
+    pub(crate) planner: Believer<'a>,
     pub(crate) change: fn(&mut Cycle),
 }
 
 impl MotionPlanner for Changed<'_> {
-    fn cycle(&mut self, state: &State) -> Cycle {
-        let mut cycle = self.planner.cycle(state);
+    fn cycle(&mut self, observation: &Observation) -> Result<Cycle, PlannerError> {
+        let mut cycle = self.planner.cycle(observation)?;
         (self.change)(&mut cycle);
-        cycle
+        Ok(cycle)
     }
 }
 
 /// The real planner with plans that are some cycles late, with the time of new ones.
 pub(crate) struct Late<'a> {
-    pub(crate) planner: Planner<'a>,
+    pub(crate) planner: Believer<'a>,
     pub(crate) waiting: VecDeque<Trajectory>,
 }
 
@@ -157,32 +177,35 @@ impl Late<'_> {
 }
 
 impl MotionPlanner for Late<'_> {
-    fn cycle(&mut self, state: &State) -> Cycle {
-        let mut cycle = self.planner.cycle(state);
-        self.waiting.push_back(cycle.committed.clone());
+    fn cycle(&mut self, observation: &Observation) -> Result<Cycle, PlannerError> {
+        let mut cycle = self.planner.cycle(observation)?;
+        self.waiting.push_back(cycle.plan.trajectory.clone());
         if self.waiting.len() > Self::CYCLES {
             self.waiting.pop_front();
         }
         if let Some(old) = self.waiting.front() {
             let age = (self.waiting.len() - 1) as f64 * 0.1;
-            cycle.committed = Trajectory { start_time: old.start_time + age, ..old.clone() };
+            cycle.plan.trajectory = Trajectory { start_time: old.start_time + age, ..old.clone() };
         }
-        cycle
+        Ok(cycle)
     }
 }
 
 /// The real planner, called once.
 pub(crate) struct Once<'a> {
-    pub(crate) planner: Planner<'a>,
+    pub(crate) planner: Believer<'a>,
     pub(crate) first: Option<Cycle>,
 }
 
 impl MotionPlanner for Once<'_> {
-    fn cycle(&mut self, state: &State) -> Cycle {
-        match &self.first {
-            Some(first) => Cycle { time: state.time, decision: Decision::KeepPrevious, ..first.clone() },
-            None => self.first.insert(self.planner.cycle(state)).clone(),
-        }
+    fn cycle(&mut self, observation: &Observation) -> Result<Cycle, PlannerError> {
+        Ok(match &self.first {
+            Some(Cycle { plan, trace }) => {
+                let plan = Plan { time: observation.state.time, decision: Decision::KeepPrevious, ..plan.clone() };
+                Cycle { plan, trace: trace.clone() }
+            }
+            None => self.first.insert(self.planner.cycle(observation)?).clone(),
+        })
     }
 }
 
@@ -191,8 +214,8 @@ pub(crate) fn unchanged(_: &mut Cycle) {}
 
 /// The knots of the profile up to some seconds from now.
 fn cut(cycle: &Cycle, seconds: f64) -> Vec<SpeedKnot> {
-    let profile = &cycle.committed.profile;
-    let end = cycle.time - cycle.committed.start_time + seconds;
+    let profile = &cycle.plan.trajectory.profile;
+    let end = cycle.plan.time - cycle.plan.trajectory.start_time + seconds;
     let mut knots: Vec<SpeedKnot> = profile.knots().iter().filter(|k| k.time < end - 1e-6).copied().collect();
     if profile.last().time > end {
         knots.push(profile.at(end));
@@ -211,22 +234,22 @@ pub(crate) fn stop_proof_skipped(cycle: &mut Cycle) {
         let (time, station) = (k.time + INSTANT, k.station + 0.5 * k.speed * INSTANT);
         knots.push(SpeedKnot { time, station, speed: 0.0, acceleration: 0.0, jerk: 0.0 });
     }
-    cycle.committed.profile = SpeedProfile::new(knots).unwrap();
+    cycle.plan.trajectory.profile = SpeedProfile::new(knots).unwrap();
 }
 
 /// The plan ends moving.
 pub(crate) fn never_stops(cycle: &mut Cycle) {
     let knots = cut(cycle, 3.0);
-    cycle.committed.profile = SpeedProfile::new(knots).unwrap();
+    cycle.plan.trajectory.profile = SpeedProfile::new(knots).unwrap();
 }
 
 /// One second ahead the plan keeps its speed for eight metres and stops as planned after that.
 pub(crate) fn stops_too_late(cycle: &mut Cycle) {
     const FARTHER: f64 = 8.0;
-    let profile = cycle.committed.profile.clone();
+    let profile = cycle.plan.trajectory.profile.clone();
     let mut knots = cut(cycle, 1.0);
     let k = knots[knots.len() - 1];
-    if k.speed < 1.0 || !cycle.committed.profile.ends_at_standstill() {
+    if k.speed < 1.0 || !cycle.plan.trajectory.profile.ends_at_standstill() {
         return;
     }
     let lasts = FARTHER / k.speed;
@@ -236,37 +259,38 @@ pub(crate) fn stops_too_late(cycle: &mut Cycle) {
     knots.push(shifted(k));
     knots.extend(profile.knots().iter().filter(|s| s.time > k.time + 1e-6).map(|s| shifted(*s)));
     // the path is extended straight ahead
-    let path = &cycle.committed.path;
+    let path = &cycle.plan.trajectory.path;
     let mut spirals: Vec<CubicSpiral> = path.pieces().map(|(_, _, s)| *s).collect();
     spirals.push(CubicSpiral { knots: [0.0; 4], length: FARTHER + 1.0 });
     let start = path.at(0.0).pose;
-    cycle.committed.path = Path::new(start, &spirals).unwrap();
-    cycle.committed.profile = SpeedProfile::new(knots).unwrap();
+    cycle.plan.trajectory.path = Path::new(start, &spirals).unwrap();
+    cycle.plan.trajectory.profile = SpeedProfile::new(knots).unwrap();
 }
 
 /// The record claims gentler braking than the plan has.
 pub(crate) fn deceleration_understated(cycle: &mut Cycle) {
-    if let Decision::NewPlan { deceleration } = &mut cycle.decision {
+    if cycle.plan.decision == Decision::NewPlan {
+        let deceleration = &mut cycle.plan.deceleration;
         *deceleration = 0.5;
     }
 }
 
 /// The plan is half a second early.
 pub(crate) fn half_a_second_early(cycle: &mut Cycle) {
-    cycle.committed.start_time -= 0.5;
+    cycle.plan.trajectory.start_time -= 0.5;
 }
 
 pub(crate) fn aside(cycle: &mut Cycle) {
-    let start = cycle.committed.path.at(0.0).pose;
-    let spirals: Vec<CubicSpiral> = cycle.committed.path.pieces().map(|(_, _, s)| *s).collect();
+    let start = cycle.plan.trajectory.path.at(0.0).pose;
+    let spirals: Vec<CubicSpiral> = cycle.plan.trajectory.path.pieces().map(|(_, _, s)| *s).collect();
     let moved = Pose { position: start.to_world(Point::new(0.0, 0.3)), yaw: start.yaw };
-    cycle.committed.path = Path::new(moved, &spirals).unwrap();
+    cycle.plan.trajectory.path = Path::new(moved, &spirals).unwrap();
 }
 
 /// Left for right.
 pub(crate) fn mirrored(cycle: &mut Cycle) {
-    let start = cycle.committed.path.at(0.0).pose;
+    let start = cycle.plan.trajectory.path.at(0.0).pose;
     let mirror = |s: &CubicSpiral| CubicSpiral { knots: s.knots.map(|k| -k), length: s.length };
-    let spirals: Vec<CubicSpiral> = cycle.committed.path.pieces().map(|(_, _, s)| mirror(s)).collect();
-    cycle.committed.path = Path::new(start, &spirals).unwrap();
+    let spirals: Vec<CubicSpiral> = cycle.plan.trajectory.path.pieces().map(|(_, _, s)| mirror(s)).collect();
+    cycle.plan.trajectory.path = Path::new(start, &spirals).unwrap();
 }

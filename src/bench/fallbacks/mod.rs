@@ -186,7 +186,7 @@ fn run_scene(vehicle: &Vehicle, surface: Surface, number: u64, settings: &Settin
     };
     result.outcome = run.outcome.name().into();
     result.cycles = run.cycles.len();
-    result.proven = run.cycles.iter().filter(|c| c.decision != Decision::Unproven).count();
+    result.proven = run.cycles.iter().filter(|c| c.plan.decision != Decision::Unproven).count();
     result.branches = run.fallbacks.len();
     for fallback in &run.fallbacks {
         if let Some(code) = fallback.failure() {

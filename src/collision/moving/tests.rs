@@ -352,21 +352,28 @@ fn removed_obstacles_are_absent_until_their_time() {
         ids
     };
     assert_eq!(ids(&all, DURATION), [1, 2][..1].to_vec(), "the lowest id must block a cell");
-    assert_eq!(ids(&blocked(&world.predictions().without(&[(1, f64::INFINITY)])), DURATION), [2]);
-    assert!(blocked(&world.predictions().without(&[(1, f64::INFINITY), (2, f64::INFINITY)])).is_free());
-    let later = blocked(&world.predictions().without(&[(1, 3.0), (2, f64::INFINITY)]));
+    assert_eq!(ids(&blocked(&world.predictions().without(&[(1, ALWAYS)])), DURATION), [2]);
+    assert!(blocked(&world.predictions().without(&[(1, ALWAYS), (2, ALWAYS)])).is_free());
+    let later = blocked(&world.predictions().without(&[(1, (0.0, 3.0)), (2, ALWAYS)]));
     assert!(ids(&later, 3.0).is_empty() && ids(&later, DURATION) == [1]);
     let times = |grid: &BlockedGrid, from: f64| -> Vec<_> {
         grid.blocked_cells().filter(|(_, t)| t.1 > from + 1e-9).map(|(s, t)| (s, (t.0.max(from), t.1))).collect()
     };
     assert_eq!(times(&later, 3.0), times(&all, 3.0));
+    let earlier = blocked(&world.predictions().without(&[(1, (3.0, f64::INFINITY)), (2, ALWAYS)]));
+    let until = |grid: &BlockedGrid| -> Vec<_> { grid.blocked_cells().filter(|(_, t)| t.0 < 3.0 - 1e-9).collect() };
+    assert!(times(&earlier, 3.0).is_empty() && !until(&earlier).is_empty());
+    assert_eq!(until(&earlier).len(), until(&all).len());
     assert_eq!(blocked(&world.predictions().without(&[])), all);
     assert_eq!(blocked(world.predictions()), all, "the cache of the sweep must still be valid");
 }
 
+/// All times.
+const ALWAYS: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+
 /// The predictions without the slices before a time.
 fn after(predictions: &Predictions, time: f64) -> Predictions {
-    predictions.without(&predictions.tracks.iter().map(|t| (t.id, time)).collect::<Vec<_>>())
+    predictions.without(&predictions.tracks.iter().map(|t| (t.id, (f64::NEG_INFINITY, time))).collect::<Vec<_>>())
 }
 
 /// Whether all regions of `a` are inside those of `b`, piece by piece.

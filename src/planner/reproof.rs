@@ -1,0 +1,80 @@
+//! The proof of the committed plan, again in each cycle.
+//!
+//! A plan was proven for what was known when it was made. Each cycle proves the rest of it again for what is known now: from
+//! the present time on, no cell that the vehicle still visits is blocked, and the standstill at its end stays free until the
+//! horizon ([`prove`](crate::speed::prove()), which shares no code with the searches). Static obstacles are checked again when they have
+//! changed. Speed limits of curves and rules depend on nothing that changes.
+//!
+//! A plan with margins that holds only without them goes on as one without. A plan that holds no more is one without a proof:
+//! [`Level::Unproven`].
+
+use super::level::Level;
+use super::{Committed, Planner, allowance_at};
+use crate::speed::{AccelerationLimits, SpeedProblem, prove};
+use crate::trajectory::{Path, TrajectoryPoint};
+use crate::vehicle::State;
+
+/// Tolerance of a changed limit, m/s².
+const ACCELERATION_SLACK: f64 = 1e-9;
+/// Tolerance of stations, m: that of the proof.
+const STATION_SLACK: f64 = 1e-3;
+
+impl Planner<'_> {
+    /// Proves the rest of the committed plan for what is known now, and sets its level accordingly.
+    pub(super) fn verify_committed(&mut self, state: &State) {
+        let Some(committed) = self.committed.take_if(|c| c.level.is_proven()) else { return };
+        let as_before = (committed.level, committed.world, committed.robust);
+        let bare = (committed.level.max(Level::NoMargin), BARE, false);
+        let weaker = [as_before, (committed.level, committed.world, false), bare];
+        let holds = weaker.into_iter().find(|(_, world, robust)| self.holds(&committed, *world, *robust, state.time));
+        let (level, world, robust) = holds.unwrap_or((Level::Unproven, committed.world, false));
+        let statics = self.known.statics;
+        self.committed = Some(Committed { level, world, robust, statics, ..committed });
+    }
+
+    fn holds(&self, plan: &Committed, world: usize, robust: bool, now: f64) -> bool {
+        plan.deceleration <= self.limits.deceleration() + ACCELERATION_SLACK
+            && (plan.statics == self.known.statics || self.is_free_of_statics(plan, world, now))
+            && self.is_free_of_traffic(plan, world, robust, now)
+    }
+
+    /// Whether the part of the path that is still ahead is free of static obstacles, up to the standstill.
+    fn is_free_of_statics(&self, plan: &Committed, world: usize, now: f64) -> bool {
+        let (world, here) = (&self.known.worlds[world], plan.trajectory.at(now));
+        let ahead = Path::new(here.pose, &plan.trajectory.path.part(here.station, f64::INFINITY));
+        let Some(ahead) = ahead else { return true };
+        let allowance = allowance_at(world, &TrajectoryPoint { station: 0.0, ..here });
+        let hit = world.probe_path(&ahead).static_hit(&allowance);
+        hit.is_none_or(|hit| here.station + hit.station >= plan.trajectory.profile.last().station - STATION_SLACK)
+    }
+
+    fn is_free_of_traffic(&self, plan: &Committed, world: usize, robust: bool, now: f64) -> bool {
+        let (trajectory, horizon) = (&plan.trajectory, self.known.horizon.max(now + 1.0));
+        let sweeps: Vec<_> = plan.sweeps.iter().map(AsRef::as_ref).collect();
+        if sweeps.is_empty() {
+            return true;
+        }
+        let grid = self.predictions_in(world, robust).blocked(&sweeps, now, horizon);
+        let ahead = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from.max(now), b.to)).collect::<Vec<_>>();
+        let stations = grid.stations().to_vec();
+        let problem = SpeedProblem {
+            speed_limits: vec![f64::INFINITY; stations.len()],
+            blocked: (0..grid.cells()).map(ahead).collect(),
+            blocked_at_start: ahead(0),
+            stopping_allowed: vec![true; stations.len()],
+            start_speed: trajectory.profile.knots()[0].speed,
+            start_time: trajectory.start_time,
+            horizon,
+            limits: AccelerationLimits {
+                acceleration: f64::INFINITY,
+                deceleration: plan.deceleration,
+                aggressive_deceleration: f64::INFINITY,
+            },
+            stations,
+        };
+        prove(&problem, &trajectory.profile).is_ok()
+    }
+}
+
+/// Index of the collision world without margins.
+const BARE: usize = 1;
