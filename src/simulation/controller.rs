@@ -10,10 +10,14 @@
 //! - **Acceleration**: the profile's acceleration, inverted through the lag of drive or brakes ([`lag_compensated`]),
 //!   plus drag, rolling resistance and the inertia of the wheels' spin; bounded feedback on station and speed error
 //!   with a double pole. The station error acts as an integrator, so there is no integrator state that could wind up.
+//! - **Bounds**: both demands stay within the grip of the road as believed ([`Grip`]), steering first. The vehicle
+//!   brakes at most [`BRAKING_SHARE`] times as hard as the profile to make good for the brakes' lag ([`gentle`]): a
+//!   profile that begins with a step of braking costs distance instead of a harder stop than the one that was proven.
+//!   Errors that the lag does not explain ([`lateness`]) are corrected in full.
 //! - **Stop**: over the last metres the controller aims 15 mm short of the end, which exceeds the remaining error of
 //!   model and feedback. Once the reference speed is zero and stays zero and the vehicle stands still, the brakes hold
 //!   it. Short of the end by more than a tolerance, the vehicle creeps forward; if it still rolls beyond the end, it
-//!   brakes at the largest deceleration of the profile. It never drives backwards.
+//!   brakes as hard as the bounds allow. It never drives backwards.
 //!
 //! **Tuning.** In time, both open loops are (ω² + 2 ω p)/p² behind a lag τ. Their crossover is near 2.06 ω, where the
 //! controller leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less the phase of yaw inertia and
@@ -22,8 +26,9 @@
 //! lateral speed. ω is capped where more bandwidth would only amplify noise. `margins` computes phase and gain margins
 //! of the linearised loops, with tyres, over all vehicles and speeds.
 //!
-//! Limitations: the controller assumes the vehicle's nominal friction; a trajectory that exceeds the tyres' grip is
-//! followed as far as the tyres allow; hard braking in a turn is left to the feedback (see [`inverse`]).
+//! Limitations: the controller assumes one friction for the whole road; a trajectory that exceeds the tyres' grip is
+//! followed as far as the tyres allow; hard braking in a turn is left to the feedback (see [`inverse`]). The bound on
+//! braking needs the measured acceleration; dead time of the commands weakens it.
 
 mod inverse;
 #[cfg(test)]
@@ -59,9 +64,8 @@ const STANDSTILL_PREVIEW: f64 = 0.5;
 const STANDSTILL_REFERENCE: f64 = 1e-3;
 /// Below this speed the vehicle counts as standing still when the profile does, m/s.
 const STANDSTILL_SPEED: f64 = 0.03;
-/// Above this speed beyond the end, the stop has failed and the controller brakes at the largest deceleration of the
-/// profile, m/s. This happens in an emergency that began later than the brakes' lag allows. Stops with a ramp are
-/// slower there.
+/// Above this speed beyond the end, the stop has failed and the controller brakes as hard as the bounds allow, m/s.
+/// This happens in an emergency that began later than the brakes' lag allows. Stops with a ramp are slower there.
 const OVERRUN: f64 = 2.0 * STANDSTILL_SPEED;
 /// Within this distance before the end, the brakes hold the vehicle where it stands, m.
 const STOP_TOLERANCE: f64 = 0.03;
@@ -74,6 +78,17 @@ const AIM_BLEND: f64 = 5.0;
 const STOP_RELEASE: f64 = 0.5;
 /// Deceleration with which the brakes hold the vehicle at standstill, m/s².
 const HOLD: f64 = 2.0;
+/// Share of the grip as believed that the controller may demand: more than proofs use
+/// ([`CONTROL_SHARE`](crate::vehicle::CONTROL_SHARE)), less than anti-lock leaves (0.98).
+const GRIP_SHARE: f64 = 0.95;
+/// Share of the grip that remains for braking in any turn: braking also reduces the lateral acceleration.
+const LEAST_SHARE: f64 = 0.5;
+/// The vehicle brakes at most this many times as hard as its profile at its hardest.
+const BRAKING_SHARE: f64 = 1.04;
+/// Deceleration up to which a profile that hardly brakes leaves the feedback free, m/s².
+const FREE_BRAKING: f64 = 0.5;
+/// Time after which a demand may result in the largest deceleration, over the lag of the brakes.
+const BRAKING_PREVIEW: f64 = 0.5;
 
 /// Decides, at the control rate, on the commands to steering, drive and brakes.
 ///
@@ -84,13 +99,45 @@ pub trait Controller: Send + Sync {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command;
 }
 
-/// The controller described at the head of this module's file: feed-forward and feedback, without memory.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct TrackingController;
+/// The controller described at the head of this module's file: feed-forward and feedback, without memory. By default it
+/// believes that the road is dry.
+#[derive(Debug, Clone, Copy)]
+pub struct TrackingController {
+    friction: f64,
+}
+
+impl TrackingController {
+    /// A controller for a road whose friction is believed to be `friction` times that of dry asphalt.
+    #[must_use]
+    pub fn on_road(friction: f64) -> Self {
+        Self { friction }
+    }
+}
+
+impl Default for TrackingController {
+    fn default() -> Self {
+        Self::on_road(1.0)
+    }
+}
 
 impl Controller for TrackingController {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
-        command(vehicle, trajectory, state, period)
+        command(vehicle, self.friction * vehicle.tyres.friction, trajectory, state, period)
+    }
+}
+
+/// The grip that the controller may demand, m/s²: the radius of the friction circle.
+#[derive(Debug, Clone, Copy)]
+struct Grip(f64);
+
+impl Grip {
+    fn new(friction: f64) -> Self {
+        Self(GRIP_SHARE * friction * GRAVITY)
+    }
+
+    /// The largest acceleration in one direction beside one in the other, m/s².
+    fn beside(self, other: f64) -> f64 {
+        (self.0 * self.0 - other * other).max((LEAST_SHARE * self.0).powi(2)).sqrt()
     }
 }
 
@@ -108,30 +155,44 @@ fn longitudinal_bandwidth(vehicle: &Vehicle) -> f64 {
     LONGITUDINAL_BANDWIDTH.min(LAG_SHARE / actuators.drive_lag.max(actuators.brake_lag))
 }
 
-/// The command of [`TrackingController`].
-pub(super) fn command(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
+/// The command of [`TrackingController`] on a road with a friction coefficient.
+fn command(vehicle: &Vehicle, friction: f64, trajectory: &Trajectory, state: &State, period: f64) -> Command {
     let reference = trajectory.at(state.time);
     let projection = project(&trajectory.path, state.pose.position, reference.station);
-    let speed = state.speed.max(0.0);
+    let (speed, grip) = (state.speed.max(0.0), Grip::new(friction));
     let effort = reference.acceleration + resistance(vehicle, speed);
     let drive = Drive { speed, acceleration: reference.acceleration, effort };
-    let model = Inverse::new(vehicle, &trajectory.path, drive);
+    let model = Inverse::new(vehicle, friction, &trajectory.path, drive);
+    let lateral = grip.beside(reference.acceleration);
+    let added = curvature_feedback(vehicle, &model, state, &projection, lateral);
+    let lag = vehicle.actuators.steering_lag + 0.5 * period;
+    let steering = model.steering(projection.station + speed * lag, added);
+    let longitudinal = grip.beside(speed * speed * (projection.curvature + added));
     Command {
-        steering: steering(vehicle, &model, state, &projection, 0.5 * period),
-        acceleration: acceleration(vehicle, trajectory, state, projection.station, 0.5 * period),
+        steering: steering.clamp(-vehicle.limits.steering, vehicle.limits.steering),
+        acceleration: acceleration(vehicle, trajectory, state, projection.station, 0.5 * period)
+            .clamp(-longitudinal, longitudinal),
     }
 }
 
-fn steering(vehicle: &Vehicle, model: &Inverse<'_>, state: &State, projection: &Projection, half_period: f64) -> f64 {
+/// Curvature that the feedback adds to the path's, 1/m. Together they demand at most a lateral acceleration of `largest`
+/// (m/s²).
+fn curvature_feedback(
+    vehicle: &Vehicle,
+    model: &Inverse<'_>,
+    state: &State,
+    projection: &Projection,
+    largest: f64,
+) -> f64 {
     let speed = state.speed.max(0.0);
-    let lag = vehicle.actuators.steering_lag + half_period;
     let heading_error = wrap_angle(state.pose.yaw - projection.yaw - model.rear_slip(projection.station, 0.0));
     let omega = lateral_bandwidth(vehicle, speed);
     let feedback = -omega * omega * projection.offset - 2.0 * omega * heading_error;
-    let largest = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
-    let feedback = feedback.clamp(-largest, largest);
-    let steering = model.steering(projection.station + speed * lag, feedback);
-    steering.clamp(-vehicle.limits.steering, vehicle.limits.steering)
+    let bound = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
+    let (of_path, in_grip) = (projection.curvature, largest / (speed * speed));
+    // a path that exceeds the grip is left to the tyres
+    let (least, most) = ((-in_grip - of_path).min(0.0), (in_grip - of_path).max(0.0));
+    feedback.clamp(-bound, bound).clamp(least, most)
 }
 
 fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, station: f64, half_period: f64) -> f64 {
@@ -144,17 +205,55 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     if at_end && state.speed < STANDSTILL_SPEED && station_error < STOP_TOLERANCE {
         return -HOLD;
     }
+    let hardest = BRAKING_SHARE * hardest_braking(profile);
     if at_end && state.speed > OVERRUN && station_error < 0.0 {
-        return -profile.knots().iter().map(|k| -k.acceleration).fold(HOLD, f64::max);
+        let overrun = if hardest > FREE_BRAKING { hardest } else { HOLD };
+        return gentle(-overrun, 0.0, -overrun, state.acceleration);
     }
     let omega = longitudinal_bandwidth(vehicle);
-    let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
-    let feedback = feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK);
+    let feedback = |station_error: f64, speed_error: f64| {
+        let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
+        feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK)
+    };
+    let late = lateness(profile, since, vehicle.actuators.brake_lag);
+    let full = feedback(station_error, speed_error);
+    let unexplained = feedback(station_error + late.0, speed_error + late.1).min(0.0);
     let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
     let resistance = resistance(vehicle, state.speed);
-    let effort = |lag| (lag_compensated(profile, since + half_period, lag) + feedback) * spin + resistance;
+    let least = -hardest.max(FREE_BRAKING);
+    let effort = |lag| {
+        let planned = lag_compensated(profile, since + half_period, lag);
+        gentle(planned, full, least, state.acceleration).min(planned + unexplained.max(full)) * spin + resistance
+    };
     let braking = effort(vehicle.actuators.brake_lag);
     if braking < 0.0 { braking } else { effort(vehicle.actuators.drive_lag).max(0.0) }
+}
+
+/// Largest deceleration of a profile, m/s².
+fn hardest_braking(profile: &SpeedProfile) -> f64 {
+    let within = profile.knots().windows(2).map(|pair| pair[0].after(pair[1].time - pair[0].time).acceleration);
+    profile.knots().iter().map(|k| k.acceleration).chain(within).fold(0.0, |hardest, a| hardest.max(-a))
+}
+
+/// How far (m) and how much faster (m/s) than the profile a vehicle is because its profile begins with a step of braking
+/// that the lag of its brakes delays: the response of the lag to the step, integrated once and twice. Steps within the
+/// profile are commanded early and cause no such error.
+fn lateness(profile: &SpeedProfile, time: f64, lag: f64) -> (f64, f64) {
+    let (step, since) = ((-profile.knots()[0].acceleration).max(0.0), (time - profile.knots()[0].time).max(0.0));
+    let filled = 1.0 - (-since / lag).exp();
+    (step * lag * (since - lag * filled), step * lag * filled)
+}
+
+/// The planned acceleration with feedback that does not make the vehicle brake harder than at `least` (m/s², negative).
+///
+/// The bound applies to the measured acceleration, not to the demand: a vehicle that is heavier than believed needs a
+/// harder demand for the same deceleration. A demand u turns the acceleration a into a + (u − a)(1 − exp(−h/τ)) after
+/// h seconds; that value is bounded, with h = [`BRAKING_PREVIEW`] τ. Feedback may therefore speed up the response of
+/// the brakes. It never releases more than the feedback itself demands.
+fn gentle(planned: f64, feedback: f64, least: f64, measured: f64) -> f64 {
+    let reached = 1.0 - (-BRAKING_PREVIEW).exp();
+    let bound = measured + (least - measured) / reached;
+    (planned + feedback).max(bound.min(planned))
 }
 
 /// The station to aim at: the profile's, moved before the end where the profile ends at standstill.
@@ -197,6 +296,8 @@ struct Projection {
     /// Signed distance from the path, left positive, m.
     offset: f64,
     yaw: f64,
+    /// Curvature of the path, 1/m.
+    curvature: f64,
 }
 
 /// Projects onto the path: Newton's method from the reference station. If the vehicle is far from it, a search over the
@@ -224,7 +325,7 @@ fn project(path: &Path, position: Point, guess: f64) -> Projection {
             break;
         }
     }
-    Projection { station: station + local.x, offset: local.y, yaw: at.pose.yaw }
+    Projection { station: station + local.x, offset: local.y, yaw: at.pose.yaw, curvature: at.curvature }
 }
 
 #[cfg(test)]
@@ -306,6 +407,57 @@ mod tests {
             // in between, a jump causes the error of the lag's exponential
             assert!(end.abs() < 1e-3 && worst < 1.5 * lag * 0.4, "jumps, lag {lag} s: {end} m/s, {worst} m/s at worst");
         }
+    }
+
+    #[test]
+    fn lateness_is_the_response_of_the_lag_to_the_first_step() {
+        let (lag, dt) = (0.2, 1e-4);
+        let profile = SpeedProfile::new(vec![knot(0.0, -4.0, 0.0), knot(3.0, 0.0, 0.0)]).unwrap();
+        let (mut output, mut speed, mut station): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        for i in 1..20_000 {
+            output += (-4.0 - output) * dt / lag;
+            speed += (output + 4.0) * dt;
+            station += speed * dt;
+            let (ahead, faster) = lateness(&profile, f64::from(i) * dt, lag);
+            assert!((ahead - station).abs() < 1e-3 && (faster - speed).abs() < 1e-3, "{i}");
+        }
+        let smooth = SpeedProfile::new(vec![knot(0.0, 0.0, -2.0), knot(1.0, 0.0, 0.0)]).unwrap();
+        assert_eq!(lateness(&smooth, 0.5, lag), (0.0, 0.0));
+    }
+
+    #[test]
+    fn feedback_brakes_at_most_as_hard_as_the_bound_and_never_releases_the_plan() {
+        // far from the bound the feedback acts in full, at the bound not at all
+        assert_eq!(gentle(-4.0, -1.0, -4.2, 0.0), -5.0);
+        assert!((gentle(-4.0, -1.0, -4.2, -4.2) - -4.2).abs() < 1e-12);
+        assert_eq!(gentle(-4.0, -1.0, -4.2, -9.0), -4.0);
+        assert_eq!(gentle(-4.0, 1.0, -4.2, -9.0), -3.0);
+    }
+
+    #[test]
+    fn demands_stay_within_the_grip_of_the_road_as_believed() {
+        let v = crate::vehicle::load("bmw_320i").unwrap();
+        let profile = SpeedProfile::new(vec![knot(0.0, -8.0, 0.0), knot(1.0, 0.0, 0.0)]).unwrap();
+        let t = Trajectory { start_time: 0.0, path: winding(), profile };
+        for friction in [1.0, 0.6, 0.15] {
+            let grip = GRIP_SHARE * friction * v.tyres.friction * GRAVITY;
+            for (offset, speed) in [(1.0, 14.0), (-1.0, 9.0), (0.0, 3.0)] {
+                let position = t.path.at(2.0).pose.to_world(Point::new(0.0, offset));
+                let pose = Pose { position, ..t.path.at(2.0).pose };
+                let state = State { time: 0.2, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+                let command = TrackingController::on_road(friction).command(&v, &t, &state, 0.01);
+                assert!(command.acceleration.abs() <= grip + 1e-12, "{friction} {speed}: {command:?}");
+                // the path's lateral acceleration and the feedback's together
+                let room = Grip::new(friction * v.tyres.friction).beside(0.0);
+                let projection = project(&t.path, pose.position, 2.0);
+                let model = Inverse::new(&v, friction, &t.path, Drive { speed, acceleration: 0.0, effort: 0.0 });
+                let total = projection.curvature + curvature_feedback(&v, &model, &state, &projection, room);
+                assert!(total.abs() * speed * speed <= room.max(projection.curvature.abs() * speed * speed) + 1e-9);
+            }
+        }
+        let grip = Grip::new(1.0);
+        assert!((grip.beside(0.6 * grip.0) - 0.8 * grip.0).abs() < 1e-12);
+        assert_eq!(grip.beside(2.0 * grip.0), LEAST_SHARE * grip.0);
     }
 
     #[test]

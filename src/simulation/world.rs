@@ -96,7 +96,7 @@ impl World {
         let vehicle = Arc::new(vehicle.clone());
         let mut world = Self {
             believed: Arc::clone(&vehicle),
-            controller: Arc::new(TrackingController),
+            controller: Arc::new(TrackingController::default()),
             settings: *settings,
             physics,
             frame,
@@ -140,7 +140,7 @@ impl World {
         self
     }
 
-    /// Replaces the default [`TrackingController`].
+    /// Replaces the default [`TrackingController`], which believes that the road is dry.
     #[must_use]
     pub fn controlled_by(mut self, controller: Arc<dyn Controller>) -> Self {
         self.controller = controller;

@@ -2,6 +2,8 @@
 //! bundled maps, and paths at the comfort limit of lateral acceleration. Each test prints its metrics (`--nocapture`);
 //! `docs/physics.md` lists them.
 
+mod steps;
+
 use std::path::Path as File;
 
 use stopline::drive;
