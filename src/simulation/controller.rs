@@ -22,13 +22,12 @@
 //! **Tuning.** In time, both open loops are (ω² + 2 ω p)/p² behind a lag τ. Their crossover is near 2.06 ω, where the
 //! controller leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less the phase of yaw inertia and
 //! sampling. ω is [`LAG_SHARE`]/τ, which leaves at least 43°. For speed, τ is the slower lag of drive and brakes; for
-//! steering, it is the steering lag plus a share of m v/C = v/(c g), the time constant with which side force reduces
-//! lateral speed. ω is capped where more bandwidth would only amplify noise. `margins` computes phase and gain margins
+//! steering, it is [`Vehicle::lateral_lag`]. ω is capped where more bandwidth would only amplify noise. `margins` computes phase and gain margins
 //! of the linearised loops, with tyres, over all vehicles and speeds.
 //!
 //! Limitations: the controller assumes one friction for the whole road; a trajectory that exceeds the tyres' grip is
-//! followed as far as the tyres allow; hard braking in a turn is left to the feedback (see [`inverse`]). The bound on
-//! braking needs the measured acceleration; dead time of the commands weakens it.
+//! followed as far as the tyres allow. The bound on braking and the inversion need the measured acceleration; dead time
+//! of the commands weakens the bound.
 
 mod inverse;
 #[cfg(test)]
@@ -44,8 +43,6 @@ use crate::vehicle::GRAVITY;
 
 /// Bandwidth of a loop times the lag of its actuator: see "Tuning" in the module documentation.
 const LAG_SHARE: f64 = 0.25;
-/// Share of the side-force time constant v/(c g) that counts as steering lag: the yaw motion leads the lateral motion.
-const SIDE_FORCE_LAG: f64 = 0.7;
 /// Largest bandwidth of the lateral feedback in time, rad/s: above it, localisation noise would reach the steering.
 const LATERAL_BANDWIDTH: f64 = 2.5;
 /// Largest bandwidth of the lateral feedback along the path, 1/m. Active at walking pace.
@@ -143,9 +140,7 @@ impl Grip {
 
 /// Bandwidth of the lateral feedback along the path at a speed, 1/m.
 fn lateral_bandwidth(vehicle: &Vehicle, speed: f64) -> f64 {
-    let softest = vehicle.tyres.cornering_front.min(vehicle.tyres.cornering_rear);
-    let lag = vehicle.actuators.steering_lag + SIDE_FORCE_LAG * speed / (GRAVITY * softest);
-    let in_time = LATERAL_BANDWIDTH.min(LAG_SHARE / lag);
+    let in_time = LATERAL_BANDWIDTH.min(LAG_SHARE / vehicle.lateral_lag(speed));
     LATERAL_BANDWIDTH_PER_METRE.min(in_time / speed)
 }
 
@@ -160,8 +155,9 @@ fn command(vehicle: &Vehicle, friction: f64, trajectory: &Trajectory, state: &St
     let reference = trajectory.at(state.time);
     let projection = project(&trajectory.path, state.pose.position, reference.station);
     let (speed, grip) = (state.speed.max(0.0), Grip::new(friction));
-    let effort = reference.acceleration + resistance(vehicle, speed);
-    let drive = Drive { speed, acceleration: reference.acceleration, effort };
+    // loads and grip follow the real acceleration, which lags behind the reference
+    let effort = state.acceleration + vehicle.resistance(speed);
+    let drive = Drive { speed, acceleration: state.acceleration, effort };
     let model = Inverse::new(vehicle, friction, &trajectory.path, drive);
     let lateral = grip.beside(reference.acceleration);
     let added = curvature_feedback(vehicle, &model, state, &projection, lateral);
@@ -219,7 +215,7 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     let full = feedback(station_error, speed_error);
     let unexplained = feedback(station_error + late.0, speed_error + late.1).min(0.0);
     let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
-    let resistance = resistance(vehicle, state.speed);
+    let resistance = vehicle.resistance(state.speed);
     let least = -hardest.max(FREE_BRAKING);
     let effort = |lag| {
         let planned = lag_compensated(profile, since + half_period, lag);
@@ -282,11 +278,6 @@ fn lag_compensated(profile: &SpeedProfile, time: f64, lag: f64) -> f64 {
         }
     }
     from.acceleration + lag * from.jerk + jumps
-}
-
-/// Deceleration by rolling resistance and drag, m/s².
-pub(super) fn resistance(vehicle: &Vehicle, speed: f64) -> f64 {
-    vehicle.tyres.rolling_resistance * GRAVITY + vehicle.tyres.drag * speed * speed.abs() / vehicle.mass
 }
 
 /// Projection of the vehicle onto its path.

@@ -3,6 +3,7 @@
 //! `docs/physics.md` lists them.
 
 mod steps;
+mod tube;
 
 use std::path::Path as File;
 

@@ -15,19 +15,15 @@
 //!
 //! Derivatives are differences over a finite distance, since those of curvature jump where spirals meet.
 //!
-//! Limitations: one friction coefficient, v² dκ/ds neglects the change of speed, and accelerations beyond
-//! [`MODELLED_SHARE`] of the grip are clamped. Near the grip limit the inversion is ill-conditioned: a small force requires a
-//! large slip, and the brake distribution of anti-lock is unknown here. Without the clamp, steering in emergency
-//! braking was worse; the feedback does better.
+//! Limitations: one friction coefficient; v² dκ/ds neglects the change of speed; the brakes are assumed to keep their
+//! balance, which anti-lock changes near the limit.
 
 use crate::trajectory::Path;
 use crate::vehicle::GRAVITY;
 use crate::vehicle::Vehicle;
 
 /// Largest share of the grip that is inverted: the flatter the curve, the less a force determines slip.
-const LARGEST_SHARE: f64 = 0.7;
-/// Largest acceleration and deceleration whose effect on grip and loads is modelled, over the grip.
-const MODELLED_SHARE: f64 = 0.25;
+const LARGEST_SHARE: f64 = 0.9;
 /// Half-width in time of first differences, s: half of a typical steering lag, which smooths what remains.
 const SPAN_TIME: f64 = 0.04;
 /// Half-width in time of second differences, s.
@@ -73,9 +69,9 @@ impl<'a> Inverse<'a> {
     pub(super) fn new(vehicle: &'a Vehicle, friction: f64, path: &'a Path, drive: Drive) -> Self {
         let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
         let (a, tyres, actuators) = (base - b, &vehicle.tyres, &vehicle.actuators);
-        let modelled = MODELLED_SHARE * friction * GRAVITY;
-        let (acceleration, effort) =
-            (drive.acceleration.clamp(-modelled, modelled), drive.effort.clamp(-modelled, modelled));
+        // the tyres can do no more
+        let most = friction * GRAVITY;
+        let (acceleration, effort) = (drive.acceleration.clamp(-most, most), drive.effort.clamp(-most, most));
         let front_share = if effort > 0.0 { actuators.drive_front_share } else { actuators.brake_front_share };
         // an axle carries the share of the mass given by the other axle's lever over the wheelbase
         let axle = |arm: f64, lever: f64, shift: f64, share: f64, stiffness: f64| {
