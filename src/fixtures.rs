@@ -209,6 +209,8 @@ pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
         time,
         committed,
         decision: Decision::NewPlan { deceleration: 1.5 },
+        level: crate::planner::Level::Comfort,
+        expected_contact: None,
         reference: Vec::new(),
         candidates: Vec::new(),
         blocked: Vec::new(),

@@ -73,7 +73,7 @@ fn touching_occupied_cells_is_a_collision() {
     assert!(contact.time < 1.1 * 0.5 / speed + 0.1 && contact.time > 0.4 / speed, "{contact:?}");
     assert!(distance_to_wall(&run, &foot).abs() < 0.03, "{} m", distance_to_wall(&run, &foot));
     let no_contact = run.verdict.failures().find(|c| c.name == "no_contact").expect("the verdict has no contact");
-    assert!(no_contact.note.contains("an occupied cell"), "{}", no_contact.note);
+    assert!(no_contact.note.contains("ran into occupied cells"), "{}", no_contact.note);
     let metrics = verdict::metrics(&scenario, &VEHICLE, &run.cycles, &run.log, &verdict::Settings::default());
     assert!(metrics.min_clearance_m.unwrap() < 0.01, "{metrics:?}");
 }

@@ -1,4 +1,4 @@
-//! The drivable area: the union of all lanelets, with its boundary as segments.
+//! The drivable area: the union of the lanelets that cars may use, with its boundary as segments.
 //!
 //! # Technique
 //! Each lanelet is a strip of triangles between its two bounds and not one polygon. So bounds that cross, fold over
@@ -7,7 +7,8 @@
 //! inflated by [`INFLATION`], which closes hairline gaps between neighbouring lanelets. The result has outer rings and holes
 //! (traffic islands).
 //!
-//! Every lanelet is part of the area, whatever its permitted users: a car on a crosswalk does not leave the road.
+//! Sidewalks, bicycle lanes, borders and the like are not part of the area ([`Lanelet::is_drivable`]). A crosswalk or a
+//! bicycle lane that crosses the road lies on lanelets of the road, which cover it.
 //!
 //! # Weakness
 //! Gaps wider than 2 · [`INFLATION`] between lanelets that should touch are boundary. For bounds with different numbers of
@@ -31,7 +32,7 @@ pub const INFLATION: f64 = 0.006;
 /// Checks of footprints add it to their margin, so that inflation closes gaps without widening the road.
 pub(super) const OUTSIDE: f64 = INFLATION * std::f64::consts::SQRT_2;
 
-/// The surface covered by lanelets.
+/// The surface covered by the lanelets that cars may use.
 #[derive(Debug, Clone)]
 pub struct DrivableArea {
     origin: Origin,
@@ -42,7 +43,7 @@ pub struct DrivableArea {
 }
 
 impl DrivableArea {
-    /// The union of all lanelets of a network.
+    /// The union of the drivable lanelets of a network.
     #[must_use]
     pub fn new(network: &RoadNetwork) -> Self {
         let bounds = network.lanelets.values().flat_map(|l| l.left.points().iter().chain(l.right.points()));
@@ -50,7 +51,8 @@ impl DrivableArea {
     }
 
     pub(super) fn with_origin(network: &RoadNetwork, origin: Origin) -> Self {
-        let triangles: Vec<Polygon> = network.lanelets.values().flat_map(|l| triangle_strip(l, &origin)).collect();
+        let triangles: Vec<Polygon> =
+            network.lanelets.values().filter(|l| l.is_drivable()).flat_map(|l| triangle_strip(l, &origin)).collect();
         let rings = rings_of(&inflate(&unary_union(&triangles)));
         let segments: Vec<Convex> =
             rings.iter().flat_map(|ring| edges(ring)).map(|(a, b)| Convex::segment(a, b)).collect();

@@ -145,6 +145,16 @@ pub enum Blocker {
     RoadBoundary,
 }
 
+impl std::fmt::Display for Blocker {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Obstacle(id) => write!(f, "obstacle {id}"),
+            Self::OccupiedCell => f.write_str("an occupied cell"),
+            Self::RoadBoundary => f.write_str("the road boundary"),
+        }
+    }
+}
+
 /// An overlap of the footprint without margins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overlap {

@@ -134,7 +134,7 @@ impl Situation<'_> {
     }
 
     /// Whether a curve of the path is too tight for the speed that remains after comfortable braking.
-    fn is_curve_speed_infeasible(&self, path: &LatticePath) -> bool {
+    pub(super) fn is_curve_speed_infeasible(&self, path: &LatticePath) -> bool {
         /// Distance between checks, m.
         const STEP: f64 = 1.0;
         let limits = SpeedLimits {

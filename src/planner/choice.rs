@@ -8,8 +8,9 @@
 use rayon::prelude::*;
 
 use super::candidate::{Evaluation, Proven, delay};
+use super::level::LevelLimits;
 use super::record::{Candidate, Rejection};
-use super::{CycleRecord, Level, Planner, Start};
+use super::{CycleRecord, Planner, Start};
 use crate::lattice::{LatticePath, rank};
 
 /// A path with its speed, ready to be committed.
@@ -29,7 +30,7 @@ impl Planner<'_> {
         &self,
         start: &Start,
         lane: usize,
-        level: Level,
+        level: LevelLimits,
         paths: Vec<LatticePath>,
         best: &mut Option<Choice>,
         record: &mut CycleRecord,

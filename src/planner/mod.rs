@@ -14,9 +14,10 @@
 //!
 //! # Levels
 //!
-//! The limits of a plan and its proof depend on the level (`Level`). The planner tries the levels in order: with margins and
-//! the aggressive deceleration, without margins, with harder braking. Each plan records the deceleration that it needed.
-//! If the settings ask for it, the planner tries robust proofs first (`traffic`).
+//! The limits of a plan and its proof depend on the level ([`Level`]). The planner tries the levels in order: with margins and
+//! the aggressive deceleration, without margins, with harder braking. Each plan records its level and deceleration. If the
+//! settings ask for it, the planner tries robust proofs first (`traffic`). Without a proof on any level, the vehicle evades and
+//! brakes (`unproven`).
 //!
 //! Weak: a cycle without a proven plan tries every level and takes the longest, when time matters most.
 
@@ -25,13 +26,16 @@ mod choice;
 mod goal;
 mod hysteresis;
 mod lanes;
+mod level;
 mod record;
 mod refinement;
 mod settings;
 mod traffic;
+mod unproven;
 
 pub use goal::GoalOnLane;
-pub use record::{Candidate, Cycle, Decision, Rejection, Smoothing, StageSeconds};
+pub use level::Level;
+pub use record::{Candidate, Cycle, Decision, ExpectedContact, Rejection, Smoothing, StageSeconds};
 pub use settings::{EmergencyLimits, RearTraffic, Settings, Uncertainty, UncertaintyMode};
 
 use std::time::Instant;
@@ -40,6 +44,7 @@ use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON, planned_lateral};
 use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
 use self::lanes::Lane;
+use self::level::LevelLimits;
 use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld};
 use crate::geometry::spiral::CubicSpiral;
@@ -47,7 +52,7 @@ use crate::lattice::{EdgeCounts, LatticeContext, LatticePath, Root, rank, search
 use crate::map::{PlanningProblem, Scenario};
 use crate::reference::{Frenet, ReferenceLine};
 use crate::speed::smoothing::{self, Smoothed};
-use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
+use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
 pub use self::lanes::NoLane;
@@ -59,6 +64,8 @@ pub struct Planner<'a> {
     /// The vehicle, its comfort within what the road gives.
     vehicle: Vehicle,
     limits: ProofLimits,
+    /// The limits without the controller's reserve, for plans without a proof.
+    unreserved: ProofLimits,
     settings: &'a Settings,
     /// The collision worlds: with margins, without margins, without margins at a fine resolution.
     worlds: [CollisionWorld; 3],
@@ -77,37 +84,12 @@ struct Committed {
     trajectory: Trajectory,
     /// Largest deceleration of its proof, m/s².
     deceleration: f64,
-    /// False for the emergency stop that is used if no plan was ever proven.
-    is_proven: bool,
+    /// The level of its proof.
+    level: Level,
     smoothing: Smoothing,
     is_refined: bool,
     /// Its cost without `travel_time` and `plan_change`.
     path_cost: f64,
-    robust: bool,
-}
-
-/// Limits of plans and proofs in one attempt.
-#[derive(Clone, Copy)]
-struct Level {
-    /// Index of the collision world.
-    world: usize,
-    /// Largest acceleration, m/s².
-    acceleration: f64,
-    /// Deceleration of nominal braking, m/s².
-    braking: f64,
-    /// Largest deceleration of proofs, m/s².
-    deceleration: f64,
-    /// Fraction of that deceleration that the search uses; smoothing needs the remainder.
-    search_share: f64,
-    /// Factor on the cruise speed.
-    speed_factor: f64,
-    /// Time gap to moving obstacles, s.
-    time_gap: f64,
-    /// Whether stopping in junctions is forbidden.
-    junctions_kept_free: bool,
-    /// Upper bound of the lateral acceleration of paths, m/s².
-    lateral_limit: f64,
-    /// Whether proofs must hold for all obstacle motions within the bounds.
     robust: bool,
 }
 
@@ -153,6 +135,7 @@ impl<'a> Planner<'a> {
             CollisionWorld::new(scenario, vehicle, &fine, horizon)?,
         ];
         let limits = ProofLimits::new(vehicle, DRY);
+        let unreserved = ProofLimits::unreserved(vehicle, DRY);
         let vehicle = limits.applied_to(vehicle);
         let lanes = Lane::all(scenario, problem, &problem.initial.centre, &vehicle);
         let cruise = settings.cruise_speed.max(problem.initial.speed);
@@ -162,6 +145,7 @@ impl<'a> Planner<'a> {
             problem,
             vehicle,
             limits,
+            unreserved,
             settings,
             worlds,
             lanes,
@@ -177,7 +161,8 @@ impl<'a> Planner<'a> {
     #[must_use]
     pub fn with_friction(self, friction: f64) -> Self {
         let limits = ProofLimits::new(&self.vehicle, friction);
-        Self { vehicle: limits.applied_to(&self.vehicle), limits, ..self }
+        let unreserved = ProofLimits::unreserved(&self.vehicle, friction);
+        Self { vehicle: limits.applied_to(&self.vehicle), limits, unreserved, ..self }
     }
 
     /// The reason why there is no lane to drive on; `None` if there is one.
@@ -204,8 +189,9 @@ impl<'a> Planner<'a> {
             record.attempt = attempt;
             Some((*level, self.choose(&start, *level, &mut record)?))
         });
-        let (decision, blocked) = match choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record))
-        {
+        let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
+        let mut contact = None;
+        let (decision, blocked) = match worth {
             Some((level, choice)) => {
                 let choice = self.refined(&start, level, choice, &mut record);
                 record.is_refined = choice.is_refined;
@@ -215,31 +201,28 @@ impl<'a> Planner<'a> {
                 let (profile, smoothing) = self.smoothed(&start, &choice);
                 record.seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 record.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
-                let path_cost = choice.path.terms.total() - choice.path.terms.plan_change;
-                let trajectory = Trajectory { start_time: start.point.time, path: choice.path.path, profile };
-                let (is_refined, deceleration) = (record.is_refined, choice.deceleration);
-                let (is_proven, robust) = (true, level.robust);
-                let committed =
-                    Committed { trajectory, deceleration, is_proven, smoothing, is_refined, path_cost, robust };
-                self.committed = Some(committed);
-                (decision, choice.proven.blocked)
+                let blocked = choice.proven.blocked.clone();
+                self.committed = Some(committed_of(&start, level, choice, profile, smoothing));
+                (decision, blocked)
             }
-            None if self.committed.is_some() && start.on_plan => {
+            None if start.on_plan => {
                 record.is_refined = self.committed.as_ref().is_some_and(|c| c.is_refined);
-                let is_proven = self.committed.as_ref().is_some_and(|c| c.is_proven);
-                (if is_proven { Decision::KeepPrevious } else { Decision::Unproven }, Vec::new())
+                (Decision::KeepPrevious, Vec::new())
             }
             None => {
-                self.committed = Some(self.emergency_stop(&start));
+                let unproven = self.unproven(&start, &mut record);
+                (self.committed, contact) = (Some(unproven.0), unproven.1);
                 (Decision::Unproven, Vec::new())
             }
         };
         record.seconds.total = begun.elapsed().as_secs_f64();
-        let committed = self.committed.clone().unwrap_or_else(|| self.emergency_stop(&start));
+        let committed = self.committed.clone().unwrap_or_else(|| unreachable!("each decision commits a plan"));
         Cycle {
             time: state.time,
             committed: committed.trajectory,
             decision,
+            level: committed.level,
+            expected_contact: contact,
             reference: record.reference,
             candidates: record.candidates,
             blocked,
@@ -272,59 +255,10 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The levels in the order of the attempts. With a committed plan, levels that brake harder than its proof are
-    /// unnecessary.
-    fn levels(&self) -> Vec<Level> {
-        let aggressive = self.vehicle.comfort.aggressive_deceleration;
-        let lateral_limit = LATERAL_HEADROOM * self.vehicle.comfort.lateral_acceleration;
-        let hardest = self.limits.deceleration();
-        let first = Level {
-            world: 0,
-            acceleration: self.vehicle.comfort.acceleration,
-            braking: self.vehicle.comfort.deceleration,
-            deceleration: aggressive,
-            search_share: SEARCH_SHARE,
-            speed_factor: 1.0,
-            time_gap: self.settings.time_gap,
-            junctions_kept_free: true,
-            lateral_limit,
-            robust: false,
-        };
-        let mut levels = vec![
-            first,
-            Level { time_gap: SHORT_GAP, ..first },
-            Level { time_gap: SHORT_GAP, junctions_kept_free: false, ..first },
-            Level { time_gap: 0.0, junctions_kept_free: false, world: 1, search_share: 1.0, ..first },
-        ];
-        levels.extend(self.settings.emergency.iter().map(|e| Level {
-            world: 1,
-            acceleration: e.acceleration.min(self.limits.acceleration()),
-            braking: NOMINAL_SHARE * e.deceleration.min(hardest),
-            deceleration: e.deceleration.min(hardest),
-            search_share: 1.0,
-            speed_factor: if e.acceleration > self.vehicle.comfort.acceleration {
-                self.settings.emergency_speed_factor
-            } else {
-                1.0
-            },
-            time_gap: 0.0,
-            junctions_kept_free: false,
-            lateral_limit: EMERGENCY_LATERAL.min(self.limits.lateral_beside(e.deceleration.min(hardest))),
-            robust: false,
-        }));
-        // for bumper-to-bumper traffic, cells of half a metre and slices of a tenth of a second are too coarse
-        if let (None, Some(hardest)) = (&self.committed, levels.last().copied()) {
-            levels.push(Level { world: 2, ..hardest });
-        }
-        if let Some(committed) = &self.committed {
-            levels.retain(|r| r.deceleration <= committed.deceleration.max(aggressive));
-        }
-        self.with_robust_levels(levels)
-    }
-
     /// The start state: on the committed trajectory, or the measured state if its tracking error is too large.
     fn start(&self, state: &State) -> Start {
-        if let Some(committed) = &self.committed {
+        // the reference of a plan without a proof may be beyond what the vehicle can follow
+        if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
             let point = committed.trajectory.at(state.time);
             let error = point.pose.to_local(state.pose.position);
             if error.x.abs() <= self.settings.restart_longitudinal && error.y.abs() <= self.settings.restart_lateral {
@@ -346,7 +280,7 @@ impl<'a> Planner<'a> {
     }
 
     /// The cheapest pair of path and speed with a proven stop on this level.
-    fn choose(&mut self, start: &Start, level: Level, record: &mut CycleRecord) -> Option<Choice> {
+    fn choose(&mut self, start: &Start, level: LevelLimits, record: &mut CycleRecord) -> Option<Choice> {
         let mut best: Option<Choice> = None;
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let begun = Instant::now();
@@ -361,7 +295,13 @@ impl<'a> Planner<'a> {
 
     /// Lattice paths on a lane, from the start and from the end of the committed edge, including the cost terms that depend
     /// on the lane and on the committed path. In order of cost.
-    fn lattice_paths(&mut self, start: &Start, lane: usize, level: Level, counts: &mut EdgeCounts) -> Vec<LatticePath> {
+    fn lattice_paths(
+        &mut self,
+        start: &Start,
+        lane: usize,
+        level: LevelLimits,
+        counts: &mut EdgeCounts,
+    ) -> Vec<LatticePath> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
@@ -397,7 +337,7 @@ impl<'a> Planner<'a> {
     }
 
     /// The curvature with the planned lateral acceleration at the start speed, 1/m.
-    fn full_speed_curvature(&self, start: &Start, level: Level) -> f64 {
+    fn full_speed_curvature(&self, start: &Start, level: LevelLimits) -> f64 {
         planned_lateral(self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
@@ -411,7 +351,7 @@ impl<'a> Planner<'a> {
         kept.into_iter().chain([fresh]).collect()
     }
 
-    fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: Level) -> Situation<'s> {
+    fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: LevelLimits) -> Situation<'s> {
         Situation {
             vehicle: &self.vehicle,
             settings: self.settings,
@@ -453,7 +393,7 @@ impl<'a> Planner<'a> {
     }
 
     /// Whether the choice replaces the committed plan.
-    fn is_worth_taking(&self, start: &Start, level: Level, choice: &Choice, record: &mut CycleRecord) -> bool {
+    fn is_worth_taking(&self, start: &Start, level: LevelLimits, choice: &Choice, record: &mut CycleRecord) -> bool {
         let soon = choice.proven.raw_profile.last().station.min(choice.proven.progress);
         let worth = committed_plan(self.committed.as_ref(), start).is_none_or(|plan| {
             plan.is_worth_leaving(soon)
@@ -470,9 +410,10 @@ impl<'a> Planner<'a> {
 
     /// Cost of keeping the committed plan: the cost of its path when it was chosen, the progress shortfall since then, and
     /// its travel time from here. `None` if its proof brakes harder or is weaker than that of the choice.
-    fn staying(&self, start: &Start, level: Level, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
-        let is_as_safe =
-            |c: &&Committed| c.is_proven && c.deceleration <= choice.deceleration && c.robust >= level.robust;
+    fn staying(&self, start: &Start, level: LevelLimits, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
+        let is_as_safe = |c: &&Committed| {
+            c.level.is_as_safe_as(level.level) && c.deceleration <= choice.deceleration && c.robust >= level.robust
+        };
         let committed = self.committed.as_ref().filter(is_as_safe)?;
         let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
         let weights = &self.settings.lattice.weights;
@@ -483,41 +424,6 @@ impl<'a> Planner<'a> {
                 + weights.progress_shortfall * plan.driven_distance()
                 + weights.travel_time * behind.max(0.0),
         )
-    }
-
-    /// Emergency braking along the present curvature, for a vehicle that never had a proven plan.
-    fn emergency_stop(&self, start: &Start) -> Committed {
-        let p = &start.point;
-        let deceleration = self.settings.emergency.last().map_or(MAX_BRAKING, |e| e.deceleration);
-        let bound = self.vehicle.max_curvature();
-        let k = p.curvature.clamp(-bound, bound);
-        let length = p.speed * p.speed / (2.0 * deceleration) + 1.0;
-        let spiral = CubicSpiral { knots: [k; 4], length };
-        let knot = |time, station, speed, acceleration| crate::trajectory::SpeedKnot {
-            time,
-            station,
-            speed,
-            acceleration,
-            jerk: 0.0,
-        };
-        let mut knots = vec![knot(0.0, 0.0, p.speed, 0.0)];
-        if p.speed > 0.0 {
-            knots[0].acceleration = -deceleration;
-            knots.push(knot(p.speed / deceleration, length - 1.0, 0.0, 0.0));
-        }
-        let straight = CubicSpiral { knots: [0.0; 4], length };
-        let path = Path::new(p.pose, &[spiral]).or_else(|| Path::new(p.pose, &[straight]));
-        let trajectory =
-            path.zip(SpeedProfile::new(knots)).map(|(path, profile)| Trajectory { start_time: p.time, path, profile });
-        let smoothing = Smoothing::EmergencyStop;
-        match (trajectory, &self.committed) {
-            (Some(trajectory), _) => {
-                let (is_proven, is_refined, robust, path_cost) = (false, false, false, 0.0);
-                Committed { trajectory, deceleration, is_proven, smoothing, is_refined, path_cost, robust }
-            }
-            (None, Some(committed)) => committed.clone(),
-            (None, None) => unreachable!("one spiral is a path and one knot is a profile"),
-        }
     }
 }
 
@@ -533,8 +439,6 @@ const FINE_SLICE: f64 = 0.025;
 const PREDICTION_BEYOND_END: f64 = 15.0;
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
 const CURVATURE_SHARE: f64 = 0.95;
-/// Fraction of the comfortable lateral acceleration that paths may use; the tracking controller has the remainder.
-const LATERAL_HEADROOM: f64 = 0.9;
 /// Time to the deadline of the goal below which the cost of lane changes rises, s.
 const URGENT_TIME: f64 = 8.0;
 /// Time per rise of the cost of a lane change by its base value, s.
@@ -543,18 +447,8 @@ const URGENCY_TIME_STEP: f64 = 2.0;
 const URGENT_DISTANCE: f64 = 80.0;
 /// Distance per rise of the cost of a lane change by its base value, m.
 const URGENCY_DISTANCE_STEP: f64 = 20.0;
-/// Fraction of the aggressive deceleration that the search uses; a jerk-limited stop needs the remainder to build up.
-const SEARCH_SHARE: f64 = 0.85;
 /// A run with more remaining time than this can reach the end of a road that ends ahead, s.
 const LONG_RUN: f64 = 10.0;
-/// Fraction of an emergency deceleration for nominal braking; proofs may use all of it.
-const NOMINAL_SHARE: f64 = 0.75;
-/// Time gap if no plan is proven with the one of the settings, s: a reserve for smoothing.
-const SHORT_GAP: f64 = 0.15;
-/// Emergency braking if the settings have no emergency limits, m/s²: within dry friction.
-const MAX_BRAKING: f64 = 8.0;
-/// Lateral acceleration of emergency paths, m/s²: within dry friction, combined with braking.
-const EMERGENCY_LATERAL: f64 = 5.0;
 /// Speeds below this count as standstill, m/s: an edge at such a speed would take minutes.
 const STANDSTILL_SPEED: f64 = 0.02;
 /// Largest lateral distance from the reference line of a lane at which the vehicle is on that lane, m.
@@ -586,6 +480,26 @@ fn context<'a>(
 ) -> LatticeContext<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
     LatticeContext { reference, world, max_curvature, full_speed_curvature, half_width }
+}
+
+/// The choice on a level with its final speed profile, as the committed plan.
+fn committed_of(
+    start: &Start,
+    level: LevelLimits,
+    choice: Choice,
+    profile: SpeedProfile,
+    smoothing: Smoothing,
+) -> Committed {
+    let path_cost = choice.path.terms.total() - choice.path.terms.plan_change;
+    Committed {
+        trajectory: Trajectory { start_time: start.point.time, path: choice.path.path, profile },
+        deceleration: choice.deceleration,
+        level: level.level,
+        smoothing,
+        is_refined: choice.is_refined,
+        path_cost,
+        robust: level.robust,
+    }
 }
 
 /// The committed plan, if planning starts on it.

@@ -2,8 +2,11 @@
 
 use std::fmt;
 
+use super::Level;
+use crate::collision::Blocker;
 use crate::geometry::Point;
 use crate::lattice::{CostTerms, EdgeCounts};
+use crate::number::Short;
 use crate::speed::smoothing;
 use crate::trajectory::{Path, Trajectory};
 
@@ -16,6 +19,10 @@ pub struct Cycle {
     pub committed: Trajectory,
     /// The decision of the cycle.
     pub decision: Decision,
+    /// The level of the committed plan, as of the cycle that made it.
+    pub level: Level,
+    /// The first contact to expect on a plan without a proof; `None` if there is none or the plan is proven.
+    pub expected_contact: Option<ExpectedContact>,
     /// Sampled reference line of the chosen lane, m; empty unless a new plan was committed.
     pub reference: Vec<Point>,
     /// The candidate paths, in a deterministic order.
@@ -51,8 +58,25 @@ pub enum Decision {
     },
     /// No new plan was committed: the previous proven plan continues, at the latest to its stop.
     KeepPrevious,
-    /// No proven plan exists: emergency braking along the present curvature.
+    /// No proven plan exists: the committed plan evades or makes the first contact late and slow.
     Unproven,
+}
+
+/// The first contact on a plan without a proof.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExpectedContact {
+    /// What it is with.
+    pub what: Blocker,
+    /// Time, s of the run.
+    pub time: f64,
+    /// Speed of the vehicle, m/s.
+    pub speed: f64,
+}
+
+impl fmt::Display for ExpectedContact {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "contact with {} expected at {:.2} s at {:.1} m/s", self.what, self.time, Short(self.speed))
+    }
 }
 
 /// One candidate path.
@@ -165,7 +189,13 @@ impl Cycle {
                 "keep previous plan: the best candidate is below the switching threshold".to_owned()
             }
             Decision::KeepPrevious => format!("keep previous plan: {}", no_proof()),
-            Decision::Unproven => format!("emergency braking: no plan was ever proven, {}", no_proof()),
+            Decision::Unproven => {
+                let contact = match &self.expected_contact {
+                    Some(contact) => contact.to_string(),
+                    None => "no contact expected".to_owned(),
+                };
+                format!("unproven: {contact}; {}", no_proof())
+            }
         }
     }
 
@@ -199,7 +229,7 @@ pub enum Smoothing {
     /// The raw profile of the search, which passed reverification. Its acceleration has steps. Contains the reason why
     /// smoothing failed.
     Unsmoothed(smoothing::Failure),
-    /// No plan was ever proven: emergency braking.
+    /// No plan is proven: the raw profile, or full braking.
     EmergencyStop,
 }
 
@@ -285,6 +315,6 @@ mod tests {
         record.candidates.push(candidate(Some(Rejection::BelowSwitchingThreshold), 1.0));
         assert_eq!(record.summary(), "keep previous plan: the best candidate is below the switching threshold");
         (record.decision, record.candidates) = (Decision::Unproven, Vec::new());
-        assert_eq!(record.summary(), "emergency braking: no plan was ever proven, no candidate");
+        assert_eq!(record.summary(), "unproven: no contact expected; no candidate");
     }
 }

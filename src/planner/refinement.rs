@@ -11,7 +11,8 @@ use std::time::Instant;
 
 use super::candidate::{Evaluation, Proven, delay};
 use super::choice::Choice;
-use super::{CycleRecord, Level, Planner, Start, allowance_at, committed_plan, context};
+use super::level::LevelLimits;
+use super::{CycleRecord, Planner, Start, allowance_at, committed_plan, context};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
 
@@ -20,7 +21,13 @@ const ON_TIME: f64 = 0.01;
 
 impl Planner<'_> {
     /// The choice with a refined path if that passes all checks, else the choice itself.
-    pub(super) fn refined(&self, start: &Start, level: Level, choice: Choice, record: &mut CycleRecord) -> Choice {
+    pub(super) fn refined(
+        &self,
+        start: &Start,
+        level: LevelLimits,
+        choice: Choice,
+        record: &mut CycleRecord,
+    ) -> Choice {
         let begun = Instant::now();
         let better = self.refinement(start, level, &choice, record);
         record.seconds.refinement = begun.elapsed().as_secs_f64();
@@ -33,7 +40,7 @@ impl Planner<'_> {
     fn refinement(
         &self,
         start: &Start,
-        level: Level,
+        level: LevelLimits,
         choice: &Choice,
         record: &mut CycleRecord,
     ) -> Option<(LatticePath, Box<Proven>, f64)> {

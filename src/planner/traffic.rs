@@ -29,8 +29,9 @@
 
 use std::sync::OnceLock;
 
+use super::level::LevelLimits;
 use super::settings::{RearTraffic, UncertaintyMode};
-use super::{Level, Planner, Start};
+use super::{Planner, Start};
 use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
@@ -88,13 +89,13 @@ impl Planner<'_> {
     }
 
     /// The predictions that constrain proofs on a level.
-    pub(super) fn predictions_for(&self, level: &Level) -> &Predictions {
+    pub(super) fn predictions_for(&self, level: &LevelLimits) -> &Predictions {
         self.traffic.predictions_for(&self.worlds, level, &self.settings.uncertainty.bounds())
     }
 
     /// The levels, with those for robust proofs as the settings require.
-    pub(super) fn with_robust_levels(&self, levels: Vec<Level>) -> Vec<Level> {
-        let robust = |level: &Level| Level { robust: true, ..*level };
+    pub(super) fn with_robust_levels(&self, levels: Vec<LevelLimits>) -> Vec<LevelLimits> {
+        let robust = |level: &LevelLimits| LevelLimits { robust: true, ..*level };
         match self.settings.uncertainty.mode {
             UncertaintyMode::Off => levels,
             UncertaintyMode::Preferred => {
@@ -124,7 +125,7 @@ impl Traffic {
     fn predictions_for<'t>(
         &'t self,
         worlds: &'t [CollisionWorld; 3],
-        level: &Level,
+        level: &LevelLimits,
         bounds: &MotionBounds,
     ) -> &'t Predictions {
         let all = worlds[level.world].predictions();

@@ -186,6 +186,8 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
     let committed = Trajectory { start_time: time, path: driven.path.clone(), profile };
     Cycle {
         decision: if kept { Decision::KeepPrevious } else { Decision::NewPlan { deceleration: 3.5 } },
+        level: crate::planner::Level::Comfort,
+        expected_contact: None,
         reference: (0..=30).map(|i| at(2.0 + 3.0 * f64::from(i), 0.0)).collect(),
         candidates: candidates.collect(),
         blocked: (0..10)
@@ -232,6 +234,7 @@ fn verdict() -> Verdict {
         limit,
         unit,
         at_time,
+        impact: None,
         note: note.into(),
         method: String::new(),
     };

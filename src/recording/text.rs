@@ -108,13 +108,17 @@ fn summary(cycle: &Cycle) -> String {
         Decision::NewPlan { deceleration } => {
             let lane = chosen(cycle).map_or_else(String::new, |c| format!(" on route lane {}", c.lane));
             let robust = if cycle.is_robust { ", robust" } else { "" };
-            format!("new plan{lane}: {stop} with at most {deceleration:.1} m/s²{robust}")
+            let level = cycle.level;
+            format!("new plan{lane}, level {level}: {stop} with at most {deceleration:.1} m/s²{robust}")
         }
         Decision::KeepPrevious if is_below_threshold(cycle) => {
             format!("keep previous plan: the best candidate is below the switching threshold; {stop}")
         }
         Decision::KeepPrevious => format!("keep previous plan: no candidate has a proven stop; {stop}"),
-        Decision::Unproven => "unproven: no plan has had a proven stop yet; emergency braking".into(),
+        Decision::Unproven => match &cycle.expected_contact {
+            Some(contact) => format!("unproven: {contact}"),
+            None => "unproven: no contact expected".into(),
+        },
     };
     if let Some(candidate) = chosen(cycle) {
         let _ = write!(text, "; cost {}", cost_by_terms(candidate));
@@ -200,7 +204,12 @@ mod tests {
         let lines = lines(&run);
         let kinds: Vec<&str> = lines.iter().map(|l| l.text.split(':').next().unwrap()).collect();
         // the example keeps its previous plan in one cycle out of twenty
-        let expected = ["new plan on route lane 0", "keep previous plan", "new plan on route lane 0", "FAIL"];
+        let expected = [
+            "new plan on route lane 0, level comfort",
+            "keep previous plan",
+            "new plan on route lane 0, level comfort",
+            "FAIL",
+        ];
         assert_eq!(kinds, expected);
         for part in
             ["m with at most 3.5 m/s²; cost 0.0;", "rejected: 1 curve_speed_infeasible, 1 blocked_at_start, 1 no_proof"]

@@ -5,7 +5,7 @@
 //! the last bit. Additional output about the same run (`--json-cycles`, the fit of the solution) is not in the hash.
 //!
 //! `checks` has every check of the verdict, or is empty if nothing was driven; a check that does not apply has null for value
-//! and limit. `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), all of them;
+//! and limit. A check that found a contact has an `impact`: who ran into whom. `planning.rejections` counts candidates by the codes of [`Rejection`](crate::planner::Rejection), all of them;
 //! `planning.edges` counts lattice edges by their result ([`EdgeCounts`](crate::lattice::EdgeCounts)).
 //! `planning.robust_cycles` counts the cycles with a robust plan, proved for the reachable sets of other traffic within the
 //! bounds of `planner.uncertainty`; it is present only if the settings ask for such proofs. A plan lists the candidates of its
@@ -105,8 +105,10 @@ pub(crate) fn cycle(cycle: &Cycle) -> Value {
     json!({
         "time_s": cycle.time,
         "decision": cycle.decision.name(),
+        "level": cycle.level.name(),
         "summary": cycle.summary(),
         "deceleration_mps2": deceleration,
+        "expected_contact": cycle.expected_contact.map(|c| json!({ "with": c.what.to_string(), "time_s": c.time, "speed_mps": c.speed })),
         "robust": cycle.is_robust,
         "expansions": cycle.expansions,
         "candidates": candidates(cycle),
@@ -133,7 +135,7 @@ fn candidates(cycle: &Cycle) -> Value {
 
 fn checks(run: &Run) -> Value {
     let check = |c: &crate::verdict::Check| {
-        json!({
+        let mut check = json!({
             "name": c.name,
             "status": c.status.name(),
             "value": c.value,
@@ -142,9 +144,39 @@ fn checks(run: &Run) -> Value {
             "at_time": c.at_time,
             "note": c.note,
             "method": c.method,
-        })
+        });
+        if let (Some(found), Some(check)) = (c.impact, check.as_object_mut()) {
+            check.insert("impact".into(), impact(found));
+        }
+        check
     };
     run.verdict.checks.iter().map(check).collect()
+}
+
+/// Who ran into whom. `obstacle` is null for occupied cells; a speed is positive towards the other, along the normal.
+fn impact(impact: crate::verdict::Impact) -> Value {
+    use crate::verdict::{Cause, Side, Thing};
+    let (obstacle, cells) = match impact.with {
+        Thing::Obstacle(id) => (Some(id), None),
+        Thing::Cells(at) => (None, Some([at.x, at.y])),
+    };
+    let vehicle_share = match impact.cause {
+        Cause::Vehicle => Some(1.0),
+        Cause::Other | Cause::Appeared => Some(0.0),
+        Cause::Both { vehicle_share } => Some(vehicle_share),
+        Cause::Start | Cause::Unknown => None,
+    };
+    json!({
+        "cause": impact.cause.name(),
+        "obstacle": obstacle,
+        "occupied_cells_at_m": cells,
+        "time": impact.time,
+        "side": impact.side.map(Side::name),
+        "vehicle_is_stopped": impact.is_stopped,
+        "vehicle_speed_mps": impact.vehicle_speed,
+        "other_speed_mps": impact.other_speed,
+        "vehicle_share": vehicle_share,
+    })
 }
 
 fn issues(run: &Run) -> Value {

@@ -38,10 +38,20 @@ impl ProofLimits {
     /// The limits of a vehicle on a road whose friction is `friction` times that of dry asphalt.
     #[must_use]
     pub fn new(vehicle: &Vehicle, friction: f64) -> Self {
-        let grip = CONTROL_SHARE * friction * vehicle.tyres.friction * GRAVITY;
+        Self::with_share(vehicle, friction, CONTROL_SHARE)
+    }
+
+    /// Everything that the vehicle and the road give, without a reserve for the tracking controller. Not for proofs.
+    #[must_use]
+    pub fn unreserved(vehicle: &Vehicle, friction: f64) -> Self {
+        Self::with_share(vehicle, friction, 1.0)
+    }
+
+    fn with_share(vehicle: &Vehicle, friction: f64, share: f64) -> Self {
+        let grip = share * friction * vehicle.tyres.friction * GRAVITY;
         Self {
             grip,
-            deceleration: grip.min(CONTROL_SHARE * vehicle.limits.deceleration),
+            deceleration: grip.min(share * vehicle.limits.deceleration),
             acceleration: grip.min(vehicle.limits.acceleration),
         }
     }

@@ -44,6 +44,16 @@ pub(super) fn nearest(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) 
     best
 }
 
+/// The blocks of occupied cells around places that are near each other.
+pub(super) fn blocks_around(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Vec<ConvexPart> {
+    /// Larger than what a vehicle drives between two samples, m.
+    const MARGIN: f64 = 2.0;
+    let Some(grid) = scenario.occupancy.as_ref() else { return Vec::new() };
+    let corners: Vec<Point> = places.iter().flat_map(|p| footprint_at(vehicle, &p.pose)).flatten().collect();
+    let blocks = grid.blocks_within(&grid.part_around(&corners, MARGIN), |cell| cell == Cell::Occupied);
+    blocks.iter().map(|block| ConvexPart::Polygon(grid.corners(block).to_vec())).collect()
+}
+
 /// The places in runs, each run within [`SECTION`] of its first place.
 fn sections(places: &[Place]) -> Vec<&[Place]> {
     let mut remaining = places;

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::Impact;
+
 /// Status of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
@@ -59,6 +61,8 @@ pub struct Check {
     pub unit: &'static str,
     /// Time of the worst moment, s, when there is one.
     pub at_time: Option<f64>,
+    /// Who ran into whom, for a contact in `no_contact` and `fallback_stops`.
+    pub impact: Option<Impact>,
     /// The event in one sentence: what happened, when, and the limit.
     pub note: String,
     /// How the value is measured; empty if the check does not apply.
@@ -68,7 +72,7 @@ pub struct Check {
 impl PartialEq for Check {
     fn eq(&self, other: &Self) -> bool {
         let bits = |c: &Self| (c.value.to_bits(), c.limit.to_bits(), c.at_time.map(f64::to_bits));
-        let text = |c: &Self| (c.name, c.status, c.unit);
+        let text = |c: &Self| (c.name, c.status, c.unit, c.impact);
         bits(self) == bits(other) && text(self) == text(other) && self.note == other.note && self.method == other.method
     }
 }
@@ -83,6 +87,7 @@ impl Check {
             limit: f64::NAN,
             unit,
             at_time: None,
+            impact: None,
             note: format!("not applicable: {why}"),
             method: String::new(),
         }

@@ -1,6 +1,9 @@
 //! `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk`: extremes of the filtered accelerations
 //! of the centre of mass. The log needs at least [`LEAST_RATE`] samples a second.
+//!
+//! A run is charged with what it adds to what its start imposes ([`Imposed`]).
 
+use super::imposed::{Imposed, RELEASE, raised};
 use super::presets::Quantity;
 use super::{Check, ComfortPreset, Settings, Status, zero_phase_low_pass};
 use crate::number::Short;
@@ -90,10 +93,16 @@ pub(crate) fn jerk_limit(jerk: f64, speed: f64) -> f64 {
     jerk * (2.0 - ((speed.abs() - 5.0) / 15.0).clamp(0.0, 1.0))
 }
 
-/// The four checks. They do not apply to a run shorter than one period of the cutoff frequency, and
+/// The four checks, for what was added to what the start imposes. They do not apply to a run shorter than one period of the cutoff frequency, and
 /// `comfort_lateral_jerk` applies only where the preset has a limit. A log with too few samples per second fails every check
 /// that applies; the value is then the time between two samples.
 pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<Check> {
+    let imposed = [Imposed::longitudinal(vehicle, log), Imposed::lateral(vehicle, log)];
+    comfort_beyond(imposed, vehicle, log, settings)
+}
+
+/// The four checks, with what the start imposes longitudinally and laterally.
+fn comfort_beyond([along, across]: [Imposed; 2], vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<Check> {
     let preset = settings.comfort;
     let limits = preset.limits(&vehicle.comfort, settings.comfort_margin);
     let judge = Judge { motion: &FilteredMotion::new(log, settings.comfort_cutoff), settings };
@@ -103,6 +112,8 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
         what: "acceleration",
         value: &|m| m.acceleration,
         limit: &|m| if m.acceleration < 0.0 { limits.deceleration } else { limits.acceleration },
+        allowance: &|m| along.allows(m.acceleration, m.time),
+        imposed: along.acceleration(),
         quantity: |value| if value < 0.0 { Quantity::Deceleration } else { Quantity::Acceleration },
         event: |value, _| {
             format!("{} at {:.2} m/s²", if value < 0.0 { "braked" } else { "accelerated" }, Short(value.abs()))
@@ -114,6 +125,8 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
         what: "lateral acceleration",
         value: &|m| m.lateral_acceleration,
         limit: &|_| limits.lateral_acceleration,
+        allowance: &|m| across.allows(m.lateral_acceleration, m.time),
+        imposed: across.acceleration(),
         quantity: |_| Quantity::LateralAcceleration,
         event: |value, _| format!("accelerated to the {} at {:.2} m/s²", side(value), Short(value.abs())),
     };
@@ -123,6 +136,8 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
         what: "derivative of the acceleration",
         value: &|m| m.jerk,
         limit: &|m| jerk_limit(limits.jerk, m.speed),
+        allowance: &|m| along.allows_jerk(m.jerk, m.time),
+        imposed: along.acceleration(),
         quantity: |_| Quantity::Jerk,
         event: |value, speed| format!("jerk of {:.2} m/s³ at {:.1} m/s", Short(value), Short(speed)),
     };
@@ -134,6 +149,8 @@ pub(super) fn comfort(vehicle: &Vehicle, log: &Log, settings: &Settings) -> Vec<
             what: "derivative of the lateral acceleration",
             value: &|m| m.lateral_jerk,
             limit: &|_| limit,
+            allowance: &|m| across.allows_jerk(m.lateral_jerk, m.time),
+            imposed: across.acceleration(),
             quantity: |_| Quantity::LateralJerk,
             event: |value, _| format!("lateral jerk of {:.2} m/s³ to the {}", Short(value.abs()), side(value)),
         }),
@@ -157,6 +174,10 @@ struct Signal<'s> {
     what: &'static str,
     value: &'s dyn Fn(&Moment) -> f64,
     limit: &'s dyn Fn(&Moment) -> f64,
+    /// What the start imposes at a moment: the limit is at least as large.
+    allowance: &'s dyn Fn(&Moment) -> f64,
+    /// The acceleration that the start imposes, m/s².
+    imposed: f64,
     quantity: fn(f64) -> Quantity,
     /// The event in words, from value and speed (m/s).
     event: fn(f64, f64) -> String,
@@ -172,16 +193,23 @@ impl Judge<'_> {
     fn check(&self, signal: &Signal<'_>) -> Check {
         let Signal { name, unit, .. } = *signal;
         let cutoff = self.settings.comfort_cutoff;
-        let Some((_, worst)) = self.motion.worst(|m| (signal.value)(m).abs() / (signal.limit)(m)) else {
+        let margin = self.settings.comfort_margin;
+        let limit_at = |m: &Moment| raised((signal.limit)(m), (signal.allowance)(m), margin);
+        let Some((_, worst)) = self.motion.worst(|m| (signal.value)(m).abs() / limit_at(m)) else {
             let why = format!("the run is shorter than one period of the filter, {:.2} s", 1.0 / cutoff);
             return Check::not_applicable(name, unit, &why);
         };
         if self.motion.rate < LEAST_RATE * (1.0 - RATE_TOLERANCE) {
             return too_slow(name, self.motion);
         }
-        let (value, limit) = ((signal.value)(&worst), (signal.limit)(&worst));
+        let (value, limit) = ((signal.value)(&worst), limit_at(&worst));
         let event = (signal.event)(value, worst.speed);
-        let source = self.settings.comfort.source((signal.quantity)(value));
+        let source = if limit > (signal.limit)(&worst) {
+            let imposed = Short(signal.imposed);
+            format!("the start imposes {imposed:.2} m/s², released at {RELEASE} m/s³ or faster")
+        } else {
+            self.settings.comfort.source((signal.quantity)(value))
+        };
         Check {
             name,
             status: Status::of(value.abs() <= limit),
@@ -189,6 +217,7 @@ impl Judge<'_> {
             limit,
             unit,
             at_time: Some(worst.time),
+            impact: None,
             note: format!("{event} at {:.2} s; limit {limit:.2} ({source})", worst.time),
             method: self.method(signal.what),
         }
@@ -218,6 +247,7 @@ fn too_slow(name: &'static str, motion: &FilteredMotion) -> Check {
         limit: 1.0 / LEAST_RATE,
         unit: "s",
         at_time: motion.moments.first().map(|m| m.time),
+        impact: None,
         note: format!("the log has {:.0} samples/s; comfort needs at least {LEAST_RATE:.0}", motion.rate),
         method: "mean time between two samples of the log".into(),
     }
@@ -305,5 +335,141 @@ mod tests {
         assert!(short.clone().all(|c| c.status == Status::NotApplicable) && short.count() == 3);
         s.log.samples = Story::clean().log.samples[..51].to_vec();
         assert!(s.judge().checks.iter().any(|c| c.name == "comfort_jerk" && c.passed()));
+    }
+
+    /// The clean run with an imposed acceleration of −6 m/s² in its first sample, released at a rate (m/s³) from a time on.
+    fn braking_at_start(rate: f64, from: f64) -> Story {
+        let mut s = Story::clean();
+        for m in &mut s.log.samples {
+            m.acceleration -= (6.0 - rate * (m.time - from).max(0.0)).max(0.0);
+        }
+        s
+    }
+
+    #[test]
+    fn a_start_that_imposes_nothing_is_judged_exactly_as_without_the_allowance() {
+        let nothing = [Imposed::longitudinal(&Story::clean().vehicle, &Log::default()); 2];
+        let mut uncomfortable = Story::clean();
+        for m in &mut uncomfortable.log.samples {
+            m.acceleration -= bump(m.time, 0.01, 4.0, 3.0);
+            m.lateral_acceleration += bump(m.time, 0.01, 4.0, 3.6);
+        }
+        for s in [Story::clean(), uncomfortable] {
+            for comfort_preset in ComfortPreset::ALL {
+                let settings = Settings { comfort: comfort_preset, ..s.settings };
+                let expected = comfort_beyond(nothing, &s.vehicle, &s.log, &settings);
+                assert_eq!(comfort(&s.vehicle, &s.log, &settings), expected);
+            }
+        }
+        // from the first moments on, the limits are those of the preset, to the bit
+        let mut early = Story::clean();
+        for m in &mut early.log.samples {
+            m.acceleration -= bump(m.time, 0.01, 0.5, 3.0);
+            m.lateral_acceleration += bump(m.time, 0.01, 0.5, 3.6);
+        }
+        let limits = early.settings.comfort.limits(&early.vehicle.comfort, early.settings.comfort_margin);
+        let expected = [limits.deceleration, limits.lateral_acceleration].map(f64::to_bits);
+        for s in [Story::clean(), early] {
+            let checks = comfort(&s.vehicle, &s.log, &s.settings);
+            assert_eq!([checks[0].limit.to_bits(), checks[1].limit.to_bits()], expected);
+        }
+    }
+
+    #[test]
+    fn braking_that_the_start_imposes_is_not_charged_while_it_is_released() {
+        let s = braking_at_start(1.8, 0.0);
+        assert_eq!(failures(&s), []);
+        // a limit of the start and its release in the note
+        let worst = s.judge().checks.into_iter().find(|c| c.name == "comfort_longitudinal").unwrap();
+        let source = "(the start imposes -6.00 m/s², released at 1.5 m/s³ or faster)";
+        assert!(worst.note.ends_with(source) && worst.limit > 2.42, "{worst:?}");
+        assert_eq!(failures(&braking_at_start(1.8, 1.0)), [("comfort_longitudinal", "m/s²")], "held for a second");
+        assert_eq!(failures(&braking_at_start(1.0, 0.0)), [("comfort_longitudinal", "m/s²")], "released too slowly");
+    }
+
+    #[test]
+    fn harder_braking_than_the_start_imposes_or_after_its_release_is_charged() {
+        let mut harder = braking_at_start(1.8, 0.0);
+        for m in harder.log.samples.iter_mut().filter(|m| m.time > 0.0) {
+            m.acceleration -= bump(m.time, 0.1, 3.0, 3.0);
+        }
+        assert_eq!(failures(&harder), [("comfort_longitudinal", "m/s²")]);
+        let mut again = braking_at_start(1.8, 0.0);
+        for m in &mut again.log.samples {
+            m.acceleration -= bump(m.time, 5.0, 4.0, 3.0);
+        }
+        assert_eq!(failures(&again), [("comfort_longitudinal", "m/s²")]);
+    }
+
+    #[test]
+    fn a_start_that_brakes_does_not_excuse_an_acceleration() {
+        let mut s = braking_at_start(6.0, 0.0);
+        for m in &mut s.log.samples {
+            m.acceleration += bump(m.time, 0.5, 3.0, 2.4);
+        }
+        assert!(failures(&s).contains(&("comfort_longitudinal", "m/s²")), "{:?}", failures(&s));
+    }
+
+    #[test]
+    fn a_command_of_the_run_does_not_excuse_itself() {
+        let mut s = Story::clean();
+        for m in s.log.samples.iter_mut().filter(|m| m.time > 0.0) {
+            m.acceleration -= (6.0 - 1.8 * m.time).max(0.0);
+        }
+        assert!(failures(&s).contains(&("comfort_longitudinal", "m/s²")), "{:?}", failures(&s));
+    }
+
+    #[test]
+    fn no_file_imposes_more_than_the_tyres_give() {
+        let mut s = Story::clean();
+        for m in &mut s.log.samples {
+            m.acceleration -= if m.time == 0.0 { 1e9 } else { bump(m.time, 8.0, 3.0, 3.0) };
+        }
+        let most = s.vehicle.tyres.friction * crate::simulation::GRAVITY;
+        assert_eq!(Imposed::longitudinal(&s.vehicle, &s.log).acceleration(), -most);
+        assert_eq!(failures(&s)[0], ("comfort_longitudinal", "m/s²"));
+    }
+
+    #[test]
+    fn lateral_acceleration_of_speed_and_steering_angle_at_the_start_is_released_too() {
+        for side in [1.0, -1.0] {
+            // 5 m/s² at 8 m/s
+            let released = |from: f64| {
+                let mut s = Story::clean();
+                let wheelbase = s.vehicle.wheelbase;
+                for m in &mut s.log.samples {
+                    let value = (5.0 - 1.8 * (m.time - from).max(0.0)).max(0.0);
+                    m.lateral_acceleration += side * value;
+                    m.steering = side * (value / 64.0 * wheelbase).atan();
+                }
+                s
+            };
+            assert_eq!(failures(&released(0.0)), []);
+            assert_eq!(failures(&released(1.0)), [("comfort_lateral", "m/s²")], "held for a second");
+            let mut straight = released(0.0);
+            straight.log.samples[0].steering = 0.0;
+            assert_eq!(failures(&straight), [("comfort_lateral", "m/s²")], "not imposed");
+            let mut other_side = released(0.0);
+            other_side.log.samples[0].steering *= -1.0;
+            assert_eq!(failures(&other_side), [("comfort_lateral", "m/s²")], "imposed to the other side");
+        }
+    }
+
+    #[test]
+    fn the_jerk_of_the_release_is_charged_only_beyond_its_rate() {
+        // a vehicle with a jerk limit of 0.5 m/s³ at high speed, twice as much at 5 m/s
+        let with_rate = |rate: f64| {
+            let mut s = braking_at_start(rate, 0.0);
+            s.vehicle.comfort.jerk = 0.5;
+            // without the bump of the clean run's own stop
+            s.log.samples.truncate(500);
+            s.judge().checks.into_iter().find(|c| c.name == "comfort_jerk").unwrap()
+        };
+        // at most 1.65 m/s³ with the margin, far above the vehicle's own limit
+        assert!(with_rate(1.5).passed(), "{:?}", with_rate(1.5));
+        assert!(with_rate(1.8).failed(), "{:?}", with_rate(1.8));
+        let imposed = Imposed::longitudinal(&Story::clean().vehicle, &braking_at_start(1.5, 0.0).log);
+        assert_eq!((imposed.allows_jerk(1.0, 1.0), imposed.allows_jerk(-1.0, 1.0)), (RELEASE, 0.0));
+        assert_eq!(imposed.allows_jerk(1.0, 4.2), 0.0, "6 m/s² are gone after 4.1 s");
     }
 }

@@ -1,19 +1,21 @@
-//! `no_contact`: contacts reported by the simulation, and overlaps of the driven footprints with obstacles and occupied cells.
+//! `no_contact`: contacts reported by the simulation, and overlaps of the driven footprints with obstacles and occupied cells;
+//! with the cause of the contact ([`cause`]).
 
 use std::fmt;
 
+use super::cause::{self, Impact};
 use super::cells;
 use super::shapes::{footprint_at, gap};
 use super::{Check, Settings, Status};
 use crate::geometry::{Point, Pose};
 use crate::map::{ConvexPart, Motion, Obstacle, Scenario};
 use crate::number::Short;
-use crate::simulation::{Contact, Log, Sample};
+use crate::simulation::{Contact, Log, Sample, Touched};
 use crate::vehicle::Vehicle;
 
 /// Something that a vehicle can touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Thing {
+pub enum Thing {
     /// An obstacle, by its id.
     Obstacle(i64),
     /// Occupied cells, by the middle of the block that they form.
@@ -71,8 +73,12 @@ impl Nearest {
 }
 
 /// The smallest gap to any obstacle at any place; `None` if no obstacle exists at any of the times.
-pub(super) fn nearest_obstacle(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
-    let bodies: Vec<Body> = scenario.obstacles.iter().map(Body::new).collect();
+pub(super) fn nearest_obstacle<'a>(
+    obstacles: impl IntoIterator<Item = &'a Obstacle>,
+    vehicle: &Vehicle,
+    places: &[Place],
+) -> Option<Nearest> {
+    let bodies: Vec<Body> = obstacles.into_iter().map(Body::new).collect();
     let reach = 0.5 * vehicle.length.hypot(vehicle.width);
     let mut best: Option<Nearest> = None;
     for place in places {
@@ -92,37 +98,53 @@ pub(super) fn nearest_obstacle(scenario: &Scenario, vehicle: &Vehicle, places: &
 
 /// The smallest gap to any obstacle, or to any occupied cell within [`cells::FAR`]; `None` if there is neither.
 pub(super) fn nearest(scenario: &Scenario, vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
-    let obstacle = nearest_obstacle(scenario, vehicle, places);
+    let obstacle = nearest_obstacle(&scenario.obstacles, vehicle, places);
     let cells = cells::nearest(scenario, vehicle, places);
     obstacle.into_iter().chain(cells).reduce(|a, b| if b.gap < a.gap { b } else { a })
 }
 
-/// The contact that the simulation reports, as an event.
-pub(super) fn describe(contact: &Contact) -> String {
-    let Contact { time, with, at_rear_axle_frame: at, speed } = contact;
-    format!(
-        "touched {with} at {time:.2} s at {:.1} m/s; point of contact ({:.2}, {:.2}) m from the rear axle",
-        Short(*speed),
-        Short(at.x),
-        Short(at.y)
-    )
+/// The begin of the contact that a log or its geometry has; `None` if there is none. `overlap` is the deepest one.
+pub(super) fn impact(
+    scenario: &Scenario,
+    vehicle: &Vehicle,
+    places: &[Place],
+    (reported, overlap): (Option<Contact>, Option<Nearest>),
+    settings: &Settings,
+) -> Option<Impact> {
+    let touched = |contact: Contact| match contact.with {
+        Touched::Obstacle(id) => Thing::Obstacle(id),
+        Touched::OccupiedCell => {
+            let at = contact.at_rear_axle_frame;
+            Thing::Cells(places.last().map_or(at, |p| p.pose.to_world(at)))
+        }
+    };
+    let thing = reported.map(touched).or(overlap.map(|n| n.thing))?;
+    Some(cause::impact(scenario, vehicle, places, thing, settings))
 }
 
 /// The check. Inside a predicted occupancy set counts as a contact.
 pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Check {
-    let nearest = nearest(scenario, vehicle, &places(log));
+    let places = places(log);
+    let nearest = nearest(scenario, vehicle, &places);
     let limit = settings.contact_tolerance;
     let overlap = nearest.filter(|n| n.depth() > limit);
-    let start = log.samples.first().map(|s| s.time);
+    let impact = impact(scenario, vehicle, &places, (log.contact, overlap), settings);
+    let event = impact.map_or_else(String::new, |i| i.to_string());
     let (at_time, note) = match (log.contact, overlap, nearest) {
-        (Some(contact), ..) => (Some(contact.time), describe(&contact)),
+        (Some(Contact { time, at_rear_axle_frame: at, speed, .. }), ..) => {
+            let point = format!("point of contact ({:.2}, {:.2}) m from the rear axle", Short(at.x), Short(at.y));
+            let drove = if speed.abs() <= settings.standstill_speed {
+                "the vehicle stood".to_owned()
+            } else {
+                format!("the vehicle drove at {:.1} m/s", Short(speed))
+            };
+            (Some(time), format!("{event} at {time:.2} s; {drove}; {point}"))
+        }
         (None, Some(n), _) => {
-            let when = if Some(n.time) == start { "at the start, " } else { "" };
-            let Nearest { time, speed, thing, .. } = n;
-            let depth = n.depth();
-            let event =
-                format!("overlapped {thing} by {:.3} m at {when}{time:.2} s at {:.1} m/s", Short(depth), Short(speed));
-            (Some(time), format!("{event}; limit {limit} m; the simulation reported no contact"))
+            let began = impact.map_or(n.time, |i| i.time);
+            let overlap = format!("overlap {:.3} m at {:.2} s; limit {limit} m", Short(n.depth()), n.time);
+            let note = format!("{event} at {began:.2} s; {overlap}; the simulation reported no contact");
+            (Some(n.time), note)
         }
         (None, None, Some(n)) => {
             let gap = n.gap.max(0.0);
@@ -137,6 +159,7 @@ pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, sett
         limit,
         unit: "m",
         at_time,
+        impact,
         note,
         method:
             "contacts of the simulation, and the footprint of every sample against every obstacle and occupied cell"
@@ -145,7 +168,7 @@ pub(super) fn no_contact(scenario: &Scenario, vehicle: &Vehicle, log: &Log, sett
 }
 
 /// An obstacle, divided into convex parts once.
-struct Body<'a> {
+pub(super) struct Body<'a> {
     obstacle: &'a Obstacle,
     /// Parts in the frame of the obstacle.
     local: Group,
@@ -172,7 +195,7 @@ impl Group {
 }
 
 impl<'a> Body<'a> {
-    fn new(obstacle: &'a Obstacle) -> Self {
+    pub(super) fn new(obstacle: &'a Obstacle) -> Self {
         let sets = match &obstacle.motion {
             Motion::Occupancy(sets) => sets
                 .iter()
@@ -185,6 +208,13 @@ impl<'a> Body<'a> {
             Motion::Static(_) | Motion::Trajectory(_) => Vec::new(),
         };
         Self { obstacle, local: Group::new(obstacle.shape.convex_parts(), Point::origin()), sets }
+    }
+
+    /// [`Body::gap_at`] a place of a vehicle.
+    pub(super) fn gap_from(&self, vehicle: &Vehicle, place: &Place, floor: f64) -> f64 {
+        let reach = 0.5 * vehicle.length.hypot(vehicle.width);
+        let centre = vehicle.centre_of_rear_axle(&place.pose).position;
+        self.gap_at(place.time, &footprint_at(vehicle, &place.pose), centre, reach, floor)
     }
 
     /// The gap to the footprint at a time, m, if it is smaller than `floor`; otherwise any number that is not smaller.

@@ -10,8 +10,9 @@
 //! - neither the simulation nor the geometry of the verdict finds a contact, until it stops and for
 //!   [`FallbackSettings::hold`] after,
 //! - it stops at most [`Settings::stop_past`] beyond the planned stop and [`Settings::stop_short`] before it,
-//! - it brakes no harder than its plan claims (filtered as for comfort, with [`Settings::comfort_margin`]). Braking inherited
-//!   from the plan before is allowed for [`HANDOVER`]; then it has to decrease by [`RELEASE`] or faster,
+//! - it brakes no harder than its plan claims (filtered as for comfort, with [`Settings::comfort_margin`]). Braking that the
+//!   plan before or the vehicle imposes at the start is allowed for [`HANDOVER`](super::imposed::HANDOVER); then it has to
+//!   decrease by [`RELEASE`](super::imposed::RELEASE) or faster,
 //! - it stays on the road, or moves no farther off the road than it was at the start.
 //!
 //! The claimed deceleration comes from the planner's record, because the claim is what is tested. Everything else comes from
@@ -24,8 +25,10 @@
 
 use std::cmp::Ordering;
 
+use super::cause::Impact;
 use super::comfort::FilteredMotion;
-use super::contact::{self, Nearest, Place};
+use super::contact::{self, Place};
+use super::imposed::{Imposed, raised};
 use super::road::Road;
 use super::{Check, FallbackSettings, Settings, Status, cells};
 use crate::geometry::Pose;
@@ -37,10 +40,6 @@ use crate::vehicle::Vehicle;
 
 /// Farthest that a fallback may begin from the vehicle, m.
 const FARTHEST_START: f64 = 1.5;
-/// How long inherited braking may last in full, s: the lag of the brakes.
-const HANDOVER: f64 = 0.1;
-/// Least rate at which inherited braking decreases then, m/s³.
-const RELEASE: f64 = 1.5;
 /// Time between two looks at a stopped vehicle, s.
 const WATCH: f64 = 0.02;
 /// Distance between two looks at the road, m.
@@ -109,6 +108,12 @@ impl Fallback {
         &self.worst.what
     }
 
+    /// Who ran into whom, if its event is a contact.
+    #[must_use]
+    pub fn impact(&self) -> Option<&Impact> {
+        self.worst.impact.as_ref()
+    }
+
     /// Whether its event is graver than that of another fallback.
     #[must_use]
     pub fn is_graver_than(&self, other: &Self) -> bool {
@@ -140,11 +145,13 @@ struct Finding {
     at: f64,
     /// The event in words, without its time.
     what: String,
+    /// Who ran into whom, if it is a contact.
+    impact: Option<Impact>,
 }
 
 impl Finding {
     fn new(kind: Kind, value: f64, limit: f64, unit: &'static str, at: f64, what: String) -> Self {
-        Self { kind, passes: value <= limit, value, limit, unit, at, what }
+        Self { kind, passes: value <= limit, value, limit, unit, at, what, impact: None }
     }
 
     /// Which of two is worse: a failure before a pass, then the graver failure, then the one that uses more of its limit.
@@ -183,7 +190,7 @@ impl<'a> FallbackJudge<'a> {
         let findings = [ends_at_standstill(branch, settings, time), self.touches(branch), self.leaves_road(branch)]
             .into_iter()
             .chain(broken_numbers(branch, time))
-            .chain(brakes(branch, settings))
+            .chain(brakes(branch, self.vehicle, settings))
             .chain(stop.map(|(error, at)| stops(error, at, settings)));
         let worst = findings.fold(begins(branch, time), |a, b| if b.compared(&a).is_gt() { b } else { a });
         Fallback {
@@ -200,22 +207,24 @@ impl<'a> FallbackJudge<'a> {
     /// Contact while driving, by the simulation and by geometry, and at standstill by geometry alone.
     fn touches(&self, branch: &FallbackBranch<'_>) -> Finding {
         let tolerance = self.settings.contact_tolerance;
-        let obstacle = contact::nearest_obstacle(self.scenario, self.vehicle, &self.watched(branch.log));
+        let places = self.watched(branch.log);
+        let obstacle = contact::nearest_obstacle(&self.scenario.obstacles, self.vehicle, &places);
         // cells do not move: a stopped vehicle needs no further look
         let cell = cells::nearest(self.scenario, self.vehicle, &contact::places(branch.log));
         let nearest = obstacle.into_iter().chain(cell).reduce(|a, b| if b.gap < a.gap { b } else { a });
         let start = branch.log.samples.first().map_or(0.0, |s| s.time);
         let depth = nearest.map_or(0.0, |n| n.depth());
-        let Some(c) = branch.log.contact else {
-            let (at, what) = nearest.map_or((start, "no contact".into()), |n: Nearest| {
-                let stopped = branch.log.samples.last().is_some_and(|s| n.time > s.time);
-                let when = if stopped { " at standstill" } else { "" };
-                (n.time, format!("overlapped {} by {:.3} m{when}", n.thing, Short(depth)))
-            });
-            return Finding::new(Kind::Contact, depth, tolerance, "m", at, what);
+        let overlap = nearest.filter(|n| n.depth() > tolerance);
+        let (scenario, vehicle, reported) = (self.scenario, self.vehicle, branch.log.contact);
+        let impact = contact::impact(scenario, vehicle, &places, (reported, overlap), &self.settings);
+        let (at, what) = match (reported, impact, nearest) {
+            (Some(contact), Some(impact), _) => (contact.time, impact.to_string()),
+            (None, Some(impact), _) => (impact.time, format!("{impact} and overlapped it by {:.3} m", Short(depth))),
+            (.., Some(n)) => (n.time, format!("overlapped {} by {:.3} m", n.thing, Short(depth))),
+            (.., None) => (start, "no contact".into()),
         };
-        let what = format!("touched {} at {:.1} m/s", c.with, Short(c.speed));
-        Finding { passes: false, ..Finding::new(Kind::Contact, depth, tolerance, "m", c.time, what) }
+        let finding = Finding::new(Kind::Contact, depth, tolerance, "m", at, what);
+        Finding { passes: finding.passes && reported.is_none(), impact, ..finding }
     }
 
     /// The places of a branch, and its final standstill for as long as anything still moves.
@@ -283,14 +292,11 @@ fn broken_numbers(branch: &FallbackBranch<'_>, time: f64) -> Option<Finding> {
 }
 
 /// The deceleration that uses most of its limit; `None` if the branch is too short to filter.
-fn brakes(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<Finding> {
+fn brakes(branch: &FallbackBranch<'_>, vehicle: &Vehicle, settings: &Settings) -> Option<Finding> {
     let filtered = FilteredMotion::new(branch.log, settings.comfort_cutoff);
-    let begun = *filtered.moments.first()?;
-    let inherited = branch.inherited.max(-begun.acceleration);
-    let limit = |time: f64| {
-        let released = RELEASE * (time - begun.time - HANDOVER).max(0.0);
-        (1.0 + settings.comfort_margin) * branch.promised.max(inherited - released)
-    };
+    let inherited = Imposed::longitudinal(vehicle, branch.log).with_deceleration(branch.inherited);
+    let margin = settings.comfort_margin;
+    let limit = |time: f64| raised((1.0 + margin) * branch.promised, inherited.allows(-1.0, time), margin);
     let (_, worst) = filtered.worst(|m| -m.acceleration / limit(m.time))?;
     let value = (-worst.acceleration).max(0.0);
     let what = format!("braked at {:.2} m/s²", Short(value));
@@ -330,7 +336,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &Fallba
     let all = fallbacks.len();
     let failed = fallbacks.iter().filter(|f| !f.passes()).count();
     let changes = fallbacks.iter().filter(|f| f.is_change).count();
-    let Finding { value, limit, unit, at, what, .. } = &worst.worst;
+    let Finding { value, limit, unit, at, what, impact, .. } = &worst.worst;
     let count = if failed == 0 {
         format!("all {all} passed, nearest to its limit")
     } else {
@@ -347,6 +353,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &Fallba
         limit: *limit,
         unit,
         at_time: Some(*at),
+        impact: *impact,
         note: format!("{count}: {what} at {at:.2} s; limit {limit:.2} {unit} ({plan})"),
         method: format!(
             "{all} branches of the simulation follow the committed plan to standstill: {} at regular times, {changes} \
@@ -358,6 +365,7 @@ pub fn fallback_stops(fallbacks: &[Fallback], left_out: usize, settings: &Fallba
 
 #[cfg(test)]
 mod tests {
+    use super::super::Cause;
     use super::super::testing::Story;
     use super::*;
     use crate::geometry::Point;
@@ -473,6 +481,20 @@ mod tests {
     }
 
     #[test]
+    fn braking_that_the_vehicle_has_at_the_start_is_allowed_and_a_step_of_the_plan_is_not() {
+        let braking_from = |start: f64| {
+            let mut s = Story::clean();
+            for m in s.log.samples.iter_mut().filter(|m| m.time >= start) {
+                m.acceleration -= (4.0 - 1.8 * m.time).max(0.0);
+            }
+            assessed(&s, 2.2, 0.0)
+        };
+        assert!(braking_from(0.0).passes(), "{:?}", braking_from(0.0));
+        let step = braking_from(0.01);
+        assert!(!step.passes() && step.worst.kind == Kind::Braking, "{step:?}");
+    }
+
+    #[test]
     fn a_vehicle_off_the_road_may_return_but_not_move_farther_off() {
         let mut s = Story::clean();
         s.displace(|m| (0.0, 1.5 * (1.0 - m.time / 5.0).max(0.0)));
@@ -490,7 +512,9 @@ mod tests {
         hit.scenario.obstacles[0] = hit.place.parked(100, 60.0, 1.69);
         let all = [&Story::clean(), &past, &hit, &past].map(|s| assessed(s, 2.2, 0.0));
         let check = fallback_stops(&all, 2, &FallbackSettings::default());
-        assert!(check.failed() && check.note.contains("worst: overlapped obstacle 100 by 0.015 m at "), "{check:?}");
+        assert!(check.failed() && check.note.contains("worst: the vehicle ran into obstacle 100 "), "{check:?}");
+        assert!(check.note.contains(" and overlapped it by 0.015 m at "), "{check:?}");
+        assert_eq!(check.impact.map(|i| i.cause), Some(Cause::Vehicle));
         assert!(
             check.note.starts_with("3 of 4 failed") && check.method.ends_with("2 changes not sampled"),
             "{check:?}"

@@ -3,6 +3,9 @@
 //! CommonRoad evaluates the states of a solution, which lie at the time steps of the file, and the **centre** of the vehicle.
 //! This check does the same.
 
+use std::fmt;
+
+use super::lanes::GoalLanes;
 use super::shapes::contains;
 use super::stop_needed::FreeRoad;
 use super::{Check, Status};
@@ -104,6 +107,12 @@ impl GoalWatch {
         (index < samples.len()).then_some(index)
     }
 
+    /// The end of the last time window, s, if it was over at the end of the run.
+    fn closed_window(&self, log: &Log) -> Option<f64> {
+        let end = self.deadline();
+        log.samples.last().is_some_and(|s| s.time >= end - TIME_SLACK).then_some(end)
+    }
+
     /// Whether waiting can reach a goal: the state meets every condition but the time, and the time window opens later.
     /// Arguments as for [`GoalWatch::is_goal`].
     #[must_use]
@@ -118,18 +127,74 @@ impl GoalWatch {
         self.goals.iter().map(|g| g.goal.time.max).fold(f64::NEG_INFINITY, f64::max)
     }
 
+    /// Whether a stopped vehicle whose centre has this pose meets every condition of a goal but its time. A goal without a
+    /// region has no place.
+    pub(super) fn is_place_to_stop(&self, centre: &Pose) -> bool {
+        let only_time_unmet = |g: &Watched| g.unmet(centre, 0.0, f64::NAN) == ["time"];
+        self.goals.iter().filter(|g| g.region.is_some()).any(only_time_unmet)
+    }
+
     /// The unmet conditions of the goal that the state meets best.
     fn least_unmet(&self, centre: &Pose, speed: f64, time: f64) -> Option<Unmet> {
         self.goals.iter().map(|g| g.unmet(centre, speed, time)).min_by_key(Vec::len)
     }
 
     /// Whether the centre of the vehicle passed a goal region: it was inside one and ends outside of it.
-    fn is_driven_past(&self, vehicle: &Vehicle, samples: &[Sample]) -> bool {
+    fn is_left(&self, vehicle: &Vehicle, samples: &[Sample]) -> bool {
         let Some(last) = samples.last().map(|s| vehicle.centre_of_rear_axle(&s.pose).position) else { return false };
         self.goals.iter().filter_map(|g| g.region.as_ref()).any(|region| {
             let was_inside = |s: StateAtStep| region.contains(s.centre.position);
             !region.contains(last) && states_at_steps(self.time_step, vehicle, samples).any(was_inside)
         })
+    }
+}
+
+/// Why a goal was missed, whatever stands in the way at the end of the run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Miss {
+    /// The lanes lead from the goal to the start, and none from the start to the goal.
+    BehindStart,
+    /// The vehicle left the region of a goal, or lanes led to the goal at the start and none at the end.
+    DrivenPast,
+    /// The vehicle ends in the goal or could stop in it, clear of what is in the way.
+    Free,
+}
+
+impl fmt::Display for Miss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::BehindStart => "the goal lies behind the start",
+            Self::DrivenPast => "it was driven past",
+            Self::Free => "nothing stood between the vehicle and the goal",
+        })
+    }
+}
+
+impl Miss {
+    fn of(
+        scenario: &Scenario,
+        problem: &PlanningProblem,
+        vehicle: &Vehicle,
+        log: &Log,
+        ahead: Option<&FreeRoad>,
+    ) -> Option<Self> {
+        let watch = GoalWatch::new(scenario, problem);
+        let (first, last) = (log.samples.first()?, log.samples.last()?);
+        let [start, end] = [first, last].map(|s| vehicle.centre_of_rear_axle(&s.pose));
+        let lanes = |goal: &Goal| goal.position.as_ref().map(|p| GoalLanes::new(&scenario.network, p));
+        // a goal without a region can be reached anywhere
+        let lanes: Option<Vec<GoalLanes>> = problem.goals.iter().map(lanes).collect();
+        let every = |is: &dyn Fn(&GoalLanes) -> bool| lanes.as_ref().is_some_and(|lanes| lanes.iter().all(is));
+        let leads = |lanes: &GoalLanes, pose: &Pose| lanes.lead_from(pose) == Some(true);
+        let none = |lanes: &GoalLanes, pose: &Pose| lanes.lead_from(pose) == Some(false);
+        let some_led = lanes.as_ref().is_some_and(|lanes| lanes.iter().any(|l| leads(l, &start)));
+        if every(&|l| none(l, &start) && l.lead_to(&start) == Some(true)) {
+            Some(Self::BehindStart)
+        } else if watch.is_left(vehicle, &log.samples) || some_led && every(&|l| none(l, &end)) {
+            Some(Self::DrivenPast)
+        } else {
+            ahead.is_some_and(FreeRoad::is_goal_free).then_some(Self::Free)
+        }
     }
 }
 
@@ -148,7 +213,7 @@ const UNIT: &str = "conditions";
 /// The check. Its value is the number of unmet conditions at the time step that meets most.
 ///
 /// `ahead` is the road ahead of a run that stopped instead of reaching its goal. The check does not apply if the problem has
-/// no goal, or if something stood in the way of such a run before it passed the goal.
+/// no goal, or if something stood in the way of such a run and nothing else explains the miss ([`Miss`]).
 pub(super) fn goal(
     scenario: &Scenario,
     problem: &PlanningProblem,
@@ -170,28 +235,29 @@ pub(super) fn goal(
         limit: 0.0,
         unit: UNIT,
         at_time,
+        impact: None,
         note,
         method: "conditions of a goal state that the vehicle's centre does not meet at the best time step".into(),
     };
-    let past = || watch.is_driven_past(vehicle, &log.samples);
-    match (best, ahead.filter(|a| a.is_in_the_way())) {
-        (Some((unmet, time)), _) if unmet.is_empty() => {
-            check(0.0, Some(time), format!("reached the goal at {time:.2} s"))
-        }
-        (_, Some(ahead)) if !past() => Check::not_applicable(NAME, UNIT, &ahead.to_string()),
-        (None, _) => check(1.0, None, "missed the goal: the run covers no time step of the scenario".into()),
-        (Some((unmet, time)), _) => {
-            let conditions = if unmet.len() == 1 { "condition" } else { "conditions" };
-            let (count, names) = (unmet.len(), unmet.join(", "));
-            let end = match ahead {
-                Some(_) if past() => "; it drove past the goal".to_owned(),
-                Some(ahead) => format!("; {ahead}"),
-                None => String::new(),
-            };
-            let note = format!("missed the goal: at best {count} {conditions} unmet ({names}) at {time:.2} s{end}");
-            check(count as f64, Some(time), note)
-        }
+    if let Some((_, time)) = best.as_ref().filter(|(unmet, _)| unmet.is_empty()) {
+        return check(0.0, Some(*time), format!("reached the goal at {time:.2} s"));
     }
+    let miss = Miss::of(scenario, problem, vehicle, log, ahead);
+    if let (None, Some(ahead)) = (miss, ahead.filter(|a| a.is_in_the_way())) {
+        return Check::not_applicable(NAME, UNIT, &ahead.to_string());
+    }
+    let Some((unmet, time)) = best else {
+        return check(1.0, None, "missed the goal: the run covers no time step of the scenario".into());
+    };
+    let conditions = if unmet.len() == 1 { "condition" } else { "conditions" };
+    let (count, names) = (unmet.len(), unmet.join(", "));
+    let mut note = format!("missed the goal: at best {count} {conditions} unmet ({names}) at {time:.2} s");
+    let window = watch.closed_window(log).map(|end| format!("its time window was over at {end:.2} s"));
+    let reasons = [miss.map(|m| m.to_string()), window, ahead.map(ToString::to_string)];
+    for reason in reasons.into_iter().flatten() {
+        note += &format!("; {reason}");
+    }
+    check(count as f64, Some(time), note)
 }
 
 struct StateAtStep {
@@ -334,5 +400,128 @@ mod tests {
         assert!(!watch.opens_later(&inside, 0.0, 31.0), "the window is closed");
         assert!(!watch.opens_later(&inside, 1.0, 15.0), "too fast");
         assert!(!watch.opens_later(&s.place.pose(60.0, 0.0, 0.0), 0.0, 15.0), "outside");
+    }
+
+    fn goal_check(s: &Story) -> Check {
+        s.judge().checks.into_iter().find(|c| c.name == NAME).unwrap()
+    }
+
+    /// The clean run as a safe stop before a parked car, on two lanes: 1 and 2 on the right, 3 and 4 on the left.
+    fn stopped_before_a_car(place: super::super::testing::Place) -> Story {
+        use crate::map::Neighbour;
+        let mut s = Story::at(place);
+        let lanes = &mut s.scenario.network.lanelets;
+        lanes.insert(3, place.lanelet(3, (0.0, 70.0), 1.75, 5.25));
+        lanes.insert(4, place.lanelet(4, (70.0, 130.0), 1.75, 5.25));
+        for (right, left) in [(1, 3), (2, 4)] {
+            let beside = |id| Some(Neighbour { id, same_direction: true });
+            lanes.get_mut(&right).unwrap().adjacent_left = beside(left);
+            lanes.get_mut(&left).unwrap().adjacent_right = beside(right);
+        }
+        crate::fixtures::follow(&mut s.scenario.network, 1, 2);
+        crate::fixtures::follow(&mut s.scenario.network, 3, 4);
+        s.scenario.obstacles.push(place.parked(7, 90.0, 0.0));
+        s.settings = super::super::Settings::expecting(super::super::Expectation::Stop);
+        s
+    }
+
+    fn rectangle(s: &Story, x: f64, y: f64, length: f64) -> Option<GoalPosition> {
+        let part = crate::map::Part::Rectangle { centre: s.place.pose(x, y, 0.0), length, width: 3.0 };
+        Some(GoalPosition::Shapes(Shape { parts: vec![part] }))
+    }
+
+    fn places() -> [super::super::testing::Place; 2] {
+        let here = super::super::testing::Place::here();
+        let far = Pose { position: Point::new(6.9e5, 5.3e6), yaw: 2.2 };
+        [here, super::super::testing::Place { origin: far, mirrored: true }]
+    }
+
+    #[test]
+    fn a_goal_behind_the_start_is_not_excused_and_said_so() {
+        for place in places() {
+            let mut s = stopped_before_a_car(place);
+            for y in [0.0, 3.5] {
+                s.goal().position = rectangle(&s, 4.0, y, 2.0);
+                assert_eq!(s.failures(), [NAME], "{:?}", goal_check(&s));
+                assert!(
+                    goal_check(&s).note.contains("; the goal lies behind the start; stopped "),
+                    "{:?}",
+                    goal_check(&s)
+                );
+            }
+            // on a ring, lanes lead there
+            crate::fixtures::follow(&mut s.scenario.network, 2, 1);
+            assert_eq!(s.failures(), [""; 0]);
+        }
+        let mut s = Story::clean();
+        s.goal().position = rectangle(&s, 4.0, 0.0, 2.0);
+        assert!(goal_check(&s).note.ends_with("; the goal lies behind the start"), "{:?}", goal_check(&s));
+    }
+
+    #[test]
+    fn a_goal_that_was_passed_on_the_next_lane_is_not_excused() {
+        for place in places() {
+            let mut s = stopped_before_a_car(place);
+            s.goal().position = rectangle(&s, 40.0, 3.5, 6.0);
+            assert_eq!(s.failures(), [NAME]);
+            assert!(goal_check(&s).note.contains("; it was driven past; stopped "), "{:?}", goal_check(&s));
+            // another goal still lies ahead
+            let ahead = Goal { position: rectangle(&s, 110.0, 3.5, 6.0), ..s.goal().clone() };
+            s.problem().goals.push(ahead);
+            assert_eq!(s.failures(), [""; 0], "{:?}", goal_check(&s));
+            s.problem().goals.remove(0);
+            assert_eq!(goal_check(&s).note, "not applicable: stopped 3.50 m before obstacle 7");
+        }
+    }
+
+    #[test]
+    fn a_goal_crossed_between_two_time_steps_was_driven_past() {
+        let mut s = stopped_before_a_car(super::super::testing::Place::here());
+        s.goal().position = rectangle(&s, 30.4, 0.0, 0.1);
+        assert_eq!(s.failures(), [NAME]);
+        assert!(goal_check(&s).note.contains("; it was driven past"), "{:?}", goal_check(&s));
+    }
+
+    #[test]
+    fn a_missed_exit_is_not_excused_unless_the_map_does_not_connect_it() {
+        let mut s = stopped_before_a_car(super::super::testing::Place::here());
+        s.scenario.network.lanelets.insert(5, s.place.lanelet(5, (70.0, 130.0), -8.0, -4.5));
+        s.goal().position = Some(GoalPosition::Lanelets(vec![5]));
+        assert_eq!(s.failures(), [""; 0], "no lane leads there from the start");
+        crate::fixtures::follow(&mut s.scenario.network, 1, 5);
+        assert_eq!(s.failures(), [NAME]);
+        assert!(goal_check(&s).note.contains("; it was driven past"), "{:?}", goal_check(&s));
+    }
+
+    #[test]
+    fn an_obstacle_beyond_the_goal_is_no_excuse() {
+        for place in places() {
+            let mut s = stopped_before_a_car(place);
+            s.scenario.obstacles.pop();
+            // the front bumper stops at 84.254 m, 7.5 m before the car
+            s.scenario.obstacles.push(place.parked(7, 94.0, 0.0));
+            s.goal().position = rectangle(&s, 84.5, 0.0, 2.0);
+            assert_eq!(s.failures(), [NAME]);
+            let note = goal_check(&s).note;
+            assert!(note.contains("; nothing stood between the vehicle and the goal; stopped "), "{note}");
+            s.goal().position = rectangle(&s, 87.0, 0.0, 2.0);
+            assert_eq!(s.failures(), [""; 0], "too near to the car");
+            s.goal().position = rectangle(&s, 84.5, 0.0, 2.0);
+            s.goal().speed = Some(Interval { min: 3.0, max: 9.0 });
+            assert_eq!(s.failures(), [""; 0], "the car may prevent the speed");
+        }
+    }
+
+    #[test]
+    fn a_time_window_that_is_over_is_said_so_and_no_obstacle_excuses_it() {
+        let mut s = stopped_before_a_car(super::super::testing::Place::here());
+        s.goal().time = Interval { min: 0.0, max: 9.0 };
+        assert_eq!(s.failures(), [NAME]);
+        let note = goal_check(&s).note;
+        assert!(note.contains("unmet (time) at ") && note.contains("; its time window was over at 9.00 s"), "{note}");
+        // not yet open
+        s.goal().time = Interval { min: 20.0, max: 30.0 };
+        assert_eq!(s.failures(), [NAME]);
+        assert!(!goal_check(&s).note.contains("time window"), "{:?}", goal_check(&s));
     }
 }

@@ -23,14 +23,15 @@
 //! every verdict, in the order of [`CHECKS`]. A check that does not apply says why in its note.
 //!
 //! **Goal or stop.** A run that neither reached its goal nor had something in its way fails. A run that stopped safely
-//! ([`Expectation::Stop`]) is excused from `goal` only if an obstacle or an occupied cell stood in its way; the end of the
-//! road is no excuse. `stop_needed` asks whether there was any reason to stop. Every other run is asked for its goal. `stops`
+//! ([`Expectation::Stop`]) is excused from `goal` only if an obstacle or an occupied cell stood in its way, and the goal neither
+//! lies behind the start, nor was driven past, nor could be entered before the obstacle. The end of the road is no excuse. `stop_needed` asks whether there was any reason to stop. Every other run is asked for its goal. `stops`
 //! also applies to a run asked for its goal if it ended at standstill where its plan stops, or should have.
 //!
 //! Weak where: a contact between two samples (10 ms) with a thing thinner than the distance driven between them is seen by
-//! the simulation only; the cause of a contact is not judged; obstacles in the way are looked for straight ahead and along the
-//! present lane only.
+//! the simulation only, and has an unknown cause; obstacles in the way are looked for along the present lane only, straight
+//! ahead where the vehicle is not aligned with one.
 
+mod cause;
 mod cells;
 mod check;
 mod comfort;
@@ -38,6 +39,8 @@ mod contact;
 mod fallback;
 mod filter;
 mod goal;
+mod imposed;
+mod lanes;
 mod metrics;
 mod presets;
 mod road;
@@ -49,8 +52,10 @@ mod stops;
 mod testing;
 mod tracking;
 
+pub use cause::{Cause, Impact, Side};
 pub use check::{Check, Status};
 pub(crate) use comfort::jerk_limit;
+pub use contact::Thing;
 pub use fallback::{Fallback, FallbackBranch, FallbackJudge, fallback_stops};
 pub use filter::zero_phase_low_pass;
 pub use goal::{GoalWatch, goal_reached_at};
@@ -140,7 +145,10 @@ pub fn judge(
     }
     let ahead = match settings.expect {
         Expectation::Goal => None,
-        Expectation::Stop => stop_needed::free_road(scenario, vehicle, log, settings),
+        Expectation::Stop => {
+            let watch = GoalWatch::new(scenario, problem);
+            stop_needed::free_road(scenario, vehicle, log, settings, |centre| watch.is_place_to_stop(centre))
+        }
     };
     let mut checks = vec![
         simulation,
@@ -184,6 +192,7 @@ fn simulation(log: &Log) -> Check {
         limit: 0.0,
         unit: "samples",
         at_time: log.broke_at.or(first_bad.map(|s| s.time)),
+        impact: None,
         note: fault.unwrap_or_else(|| format!("all numbers of {all} samples are finite")),
         method: "samples of the log with a number that is not finite".into(),
     }
@@ -493,7 +502,10 @@ mod tests {
         let mut s = Story::clean();
         s.scenario.obstacles[0] = s.place.parked(100, 10.0, 0.0);
         let verdict = s.judge();
-        assert!(verdict.first_failure().unwrap().note.contains("at the start, 0.00 s"), "{verdict:?}");
+        assert!(
+            verdict.first_failure().unwrap().note.contains("touched obstacle 100 at the start at 0.00 s"),
+            "{verdict:?}"
+        );
     }
 
     #[test]
@@ -546,7 +558,8 @@ mod tests {
             let at_rear_axle_frame = Point::new(3.6, 0.0);
             s.log.contact = Some(Contact { time: 3.0, with: Touched::Obstacle(101), at_rear_axle_frame, speed: 8.0 });
         });
-        assert!(touched.starts_with("touched obstacle 101 at 3.00 s at 8.0 m/s"), "{touched}");
+        assert!(touched.starts_with("the vehicle touched obstacle 101 (cause unknown) at 3.00 s; "), "{touched}");
+        assert!(touched.contains("; the vehicle drove at 8.0 m/s; point of contact (3.60, 0.00) m"), "{touched}");
         let stopped = note(|s| s.displace(|m| (-0.4 * m.time.min(13.0) / 13.0, 0.0)));
         assert!(stopped.starts_with("stopped 0.40 m before the planned stop at 12."), "{stopped}");
         assert!(stopped.ends_with("s; limit 0.30 m"), "{stopped}");

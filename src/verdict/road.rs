@@ -104,6 +104,7 @@ pub(super) fn stays_on_road(network: &RoadNetwork, vehicle: &Vehicle, log: &Log,
         limit,
         unit: "m",
         at_time: at.map(|_| time),
+        impact: None,
         note,
         method: format!(
             "points every {OUTLINE_SPACING} m on the footprint's outline against the union of {} drivable lanelets",

@@ -26,17 +26,71 @@ pub(super) fn gap(polygon: &[Point], part: &ConvexPart) -> f64 {
     }
 }
 
+/// Where and along which direction a polygon and a convex part touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Touch {
+    /// As [`gap`], for shapes that overlap; for shapes apart, the distance along the normal.
+    pub(super) gap: f64,
+    /// Unit vector from the polygon to the part.
+    pub(super) normal: Vector,
+    /// The middle of the points in contact.
+    pub(super) at: Point,
+}
+
+/// The contact between a counter-clockwise convex polygon and a convex part that touch: the axis of least overlap. `None` for
+/// a polygon without an edge.
+pub(super) fn touch(polygon: &[Point], part: &ConvexPart) -> Option<Touch> {
+    match part {
+        ConvexPart::Polygon(other) => {
+            let (of_polygon, of_other) = (least_overlap(polygon, other)?, least_overlap(other, polygon)?);
+            let (gap, normal) = if of_polygon.0 >= of_other.0 { of_polygon } else { (of_other.0, -of_other.1) };
+            Some(Touch { gap, normal, at: middle_of_contact(polygon, other, normal)? })
+        }
+        ConvexPart::Circle { centre, radius } => {
+            let (inside, outward) = least_overlap(polygon, std::slice::from_ref(centre))?;
+            let nearest = |(a, b): (Point, Point)| nearest_on_segment(a, b, *centre);
+            let at = edges(polygon).map(nearest).min_by(|p, q| (p - centre).norm().total_cmp(&(q - centre).norm()))?;
+            let normal =
+                if inside > 0.0 { (centre - at).try_normalize(SHORTEST_EDGE).unwrap_or(outward) } else { outward };
+            let to_centre = if inside > 0.0 { (centre - at).norm() } else { inside };
+            Some(Touch { gap: to_centre - radius, normal, at })
+        }
+    }
+}
+
+/// The middle of the overlap of the two features that face each other along the normal.
+fn middle_of_contact(polygon: &[Point], other: &[Point], normal: Vector) -> Option<Point> {
+    /// Corners within this of the foremost one belong to the feature, m.
+    const SAME: f64 = 0.01;
+    let along = Vector::new(-normal.y, normal.x);
+    let origin = polygon.first()?;
+    let feature = |points: &[Point], direction: Vector| {
+        let foremost = points.iter().map(|p| (p - origin).dot(&direction)).fold(f64::NEG_INFINITY, f64::max);
+        let of_feature = points.iter().map(|p| p - origin).filter(|p| p.dot(&direction) >= foremost - SAME);
+        let positions = of_feature.map(|p| p.dot(&along));
+        let ends = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+        (foremost, ends)
+    };
+    let (own, (own_from, own_to)) = feature(polygon, normal);
+    let (_, (from, to)) = feature(other, -normal);
+    Some(origin + normal * own + along * f64::midpoint(own_from.max(from), own_to.min(to)))
+}
+
 /// Separating-axis theorem, for the axes of one polygon: the largest distance by which all of `other` lies outside one of the
 /// edges of `polygon`; negative if it lies outside no edge.
 fn largest_separation(polygon: &[Point], other: &[Point]) -> f64 {
-    edges(polygon).filter_map(|(a, b)| (b - a).try_normalize(SHORTEST_EDGE).map(|along| (a, along))).fold(
-        f64::NEG_INFINITY,
-        |best, (a, along)| {
+    least_overlap(polygon, other).map_or(f64::NEG_INFINITY, |(separation, _)| separation)
+}
+
+/// [`largest_separation`] with the outward normal of its edge; `None` for a polygon without an edge.
+fn least_overlap(polygon: &[Point], other: &[Point]) -> Option<(f64, Vector)> {
+    edges(polygon)
+        .filter_map(|(a, b)| (b - a).try_normalize(SHORTEST_EDGE).map(|along| (a, along)))
+        .map(|(a, along)| {
             let outward = Vector::new(along.y, -along.x);
-            let nearest = other.iter().map(|p| (p - a).dot(&outward)).fold(f64::INFINITY, f64::min);
-            best.max(nearest)
-        },
-    )
+            (other.iter().map(|p| (p - a).dot(&outward)).fold(f64::INFINITY, f64::min), outward)
+        })
+        .reduce(|best, axis| if axis.0 > best.0 { axis } else { best })
 }
 
 /// Edges shorter than this (m) have no usable direction.
@@ -55,10 +109,14 @@ pub(super) fn distance_to_outline(polygon: &[Point], p: Point) -> f64 {
 }
 
 fn distance_to_segment(a: Point, b: Point, p: Point) -> f64 {
+    (p - nearest_on_segment(a, b, p)).norm()
+}
+
+fn nearest_on_segment(a: Point, b: Point, p: Point) -> Point {
     let along = b - a;
     let ratio =
         if along == Vector::zeros() { 0.0 } else { ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0) };
-    (p - (a + along * ratio)).norm()
+    a + along * ratio
 }
 
 /// Whether a point lies inside a simple polygon of either winding: winding number by signed crossings.

@@ -1,21 +1,26 @@
 //! `stop_needed`: a run that stopped instead of reaching its goal had a reason to stop.
 //!
 //! Without this check a planner that stops without a reason passes every other one. From the final standstill the footprint
-//! is moved forwards in small steps, straight ahead and along the lanes under the rear axle, until it meets an obstacle
-//! (present at any time from the standstill on), an occupied cell or the end of the road. The same result decides whether the
-//! check `goal` applies: something in the way excuses a missed goal, the end of the road does not.
+//! is moved forwards in small steps along the lanes under the rear axle, and straight ahead if the vehicle is not aligned with a
+//! lane, until it meets an obstacle, an occupied cell or the end of the road. The same result decides whether the check `goal`
+//! applies: something in the way excuses a missed goal, the end of the road does not.
+//!
+//! An obstacle counts if it is there at any time from [`PATIENCE`] before the end of the run to [`LOOK_ON`] after, at
+//! standstill. One that left earlier is no reason to stand any longer, and one that comes from behind, through the stopped
+//! vehicle, is not in its way.
 //!
 //! The check is lenient: the nearest obstacle on any of these paths counts, and so does an obstacle that only crosses one
 //! of them later. Weak where an obstacle blocks the vehicle elsewhere, e.g. on the lane that it has to change to.
 
 use std::fmt;
 
+use super::cause::{self, Cause, Side};
 use super::contact::{self, Place, Thing};
 use super::road::Road;
-use super::{Check, Expectation, Settings, Status};
+use super::{Check, Expectation, Settings, Status, cells};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::{Point, Pose, wrap_angle};
-use crate::map::{Lanelet, LaneletId, Motion, PlanningProblem, RoadNetwork, Scenario};
+use crate::map::{Lanelet, LaneletId, Obstacle, PlanningProblem, RoadNetwork, Scenario};
 use crate::number::Short;
 use crate::simulation::Log;
 use crate::vehicle::Vehicle;
@@ -30,6 +35,16 @@ const STEP: f64 = 0.25;
 const INTERVAL: f64 = 0.25;
 /// How long after the end of the run moving obstacles are looked at, s.
 const LOOK_ON: f64 = 10.0;
+/// How long before the end of the run an obstacle can have left and still be the reason for the standstill, s: the time to
+/// notice that the lane is free, and to start.
+const PATIENCE: f64 = 10.0;
+/// Time between two looks at obstacles from behind, s: a car does not jump over the vehicle.
+const BEHIND_INTERVAL: f64 = 0.05;
+/// A vehicle at a smaller angle to a lane (rad) drives along it.
+const ALIGNED: f64 = 0.1;
+/// Distance to an obstacle at which a vehicle can stop without being too near, m. A goal at a larger distance from an obstacle
+/// is not blocked by it.
+const CLEAR: f64 = 5.0;
 /// Lanes followed at branches, at most.
 const LANES: usize = 16;
 /// A successor that begins farther than this from the end of its lanelet is not connected to it, m.
@@ -52,12 +67,19 @@ pub(super) struct FreeRoad {
     end: End,
     /// Begin of the standstill, s.
     since: f64,
+    /// Distance to a state that meets the goal but for its time, on any of the paths, m.
+    goal: Option<f64>,
 }
 
 impl FreeRoad {
     /// Whether an obstacle or an occupied cell stood so near that the vehicle had to stop.
     pub(super) fn is_in_the_way(&self) -> bool {
         self.distance <= FREE && matches!(self.end, End::Thing(_))
+    }
+
+    /// Whether the vehicle is inside the goal, or could stop in it and be clear of what is in the way.
+    pub(super) fn is_goal_free(&self) -> bool {
+        self.goal.is_some_and(|goal| goal == 0.0 || goal <= self.distance - CLEAR)
     }
 }
 
@@ -71,20 +93,41 @@ impl fmt::Display for FreeRoad {
     }
 }
 
-/// The free road ahead of the final standstill; `None` if the run ended moving.
-pub(super) fn free_road(scenario: &Scenario, vehicle: &Vehicle, log: &Log, settings: &Settings) -> Option<FreeRoad> {
+/// The free road ahead of the final standstill; `None` if the run ended moving. `goal` says whether a stopped vehicle whose
+/// centre has a pose meets every condition of a goal but its time.
+pub(super) fn free_road(
+    scenario: &Scenario,
+    vehicle: &Vehicle,
+    log: &Log,
+    settings: &Settings,
+    goal: impl Fn(&Pose) -> bool,
+) -> Option<FreeRoad> {
     let last = log.samples.last().filter(|s| s.speed.abs() <= settings.standstill_speed)?;
     let stopped = log.samples.iter().rposition(|s| s.speed.abs() > settings.standstill_speed).map_or(0, |i| i + 1);
     let since = log.samples.get(stopped).map_or(last.time, |s| s.time);
-    let look = Look { scenario, vehicle, times: times(scenario, since, last.time) };
+    let span = (since.max(last.time - PATIENCE), until(scenario, last.time));
+    let obstacles =
+        scenario.obstacles.iter().filter(|o| !comes_from_behind(scenario, vehicle, o, &last.pose, span, settings));
+    let look = Look { scenario, vehicle, obstacles: obstacles.collect(), times: times(span, INTERVAL) };
 
-    let straight = straight_road_end(&Road::new(&scenario.network), vehicle, &last.pose, settings);
-    let mut things = vec![look.first_thing(straight, |ahead| last.pose.advanced(ahead))];
     let lanes = Lane::all(&scenario.network, &last.pose);
+    let straight = straight_road_end(&Road::new(&scenario.network), vehicle, &last.pose, settings);
+    // in a bend, straight ahead leads to another lane
+    let is_aligned = lanes.iter().any(|lane| lane.heading.abs() < ALIGNED);
+    let ahead = |distance: f64| last.pose.advanced(distance);
+    let mut things = Vec::new();
+    let mut goals = Vec::new();
+    let is_goal = |pose: Pose| goal(&vehicle.centre_of_rear_axle(&pose));
+    if !is_aligned {
+        things.push(look.first_thing(straight, ahead));
+        goals.push(steps().find(|distance| is_goal(ahead(*distance))));
+    }
     for lane in &lanes {
-        things.push(look.first_thing(lane.road_end(vehicle), |ahead| lane.pose(ahead)));
+        things.push(look.first_thing(lane.road_end(vehicle), |distance| lane.pose(distance)));
+        goals.push(steps().find(|distance| is_goal(lane.pose(*distance))));
     }
     let nearest = things.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
+    let goal = goals.into_iter().flatten().min_by(f64::total_cmp);
     // the lane that goes on farthest says where the road ends; a bend leaves the road straight ahead
     let road_end = lanes.iter().map(|l| l.road_end(vehicle)).reduce(f64::max).unwrap_or(straight);
     let (distance, end) = match nearest {
@@ -92,7 +135,25 @@ pub(super) fn free_road(scenario: &Scenario, vehicle: &Vehicle, log: &Log, setti
         None if road_end < LOOK_AHEAD => (road_end, End::Road),
         None => (LOOK_AHEAD, End::None),
     };
-    Some(FreeRoad { distance, end, since })
+    Some(FreeRoad { distance, end, since, goal })
+}
+
+/// Whether a moving obstacle comes from behind to the place of the stopped vehicle.
+fn comes_from_behind(
+    scenario: &Scenario,
+    vehicle: &Vehicle,
+    obstacle: &Obstacle,
+    pose: &Pose,
+    span: (f64, f64),
+    settings: &Settings,
+) -> bool {
+    if obstacle.is_static() {
+        return false;
+    }
+    let standing = |time: f64| Place { time, pose: *pose, speed: 0.0 };
+    let places: Vec<Place> = times(span, BEHIND_INTERVAL).into_iter().map(standing).collect();
+    let impact = cause::impact(scenario, vehicle, &places, Thing::Obstacle(obstacle.id), settings);
+    impact.cause == Cause::Other && impact.side == Some(Side::Rear)
 }
 
 const NAME: &str = "stop_needed";
@@ -111,21 +172,26 @@ pub(super) fn stop_needed(problem: &PlanningProblem, ahead: Option<&FreeRoad>, s
                 limit: FREE,
                 unit: "m",
                 at_time: Some(free.since),
+                impact: None,
                 note: format!("{free} at {:.2} s; limit {FREE:.0} m", free.since),
-                method: "free distance of the footprint straight ahead and along its lanes".into(),
+                method: "free distance of the footprint along its lanes, straight ahead where it is not aligned".into(),
             };
         }
     };
     Check::not_applicable(NAME, "m", why_not)
 }
 
-/// Times at which moving obstacles are looked at: from the standstill on while anything moves.
-fn times(scenario: &Scenario, since: f64, end: f64) -> Vec<f64> {
-    let moving = scenario.obstacles.iter().filter(|o| !matches!(o.motion, Motion::Static(_)));
-    let until = moving.map(|o| o.lifetime().1).fold(f64::NEG_INFINITY, f64::max).min(end + LOOK_ON);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a run is an hour at most; negative is 0
-    let count = ((until - since) / INTERVAL) as usize;
-    (0..=count).map(|i| since + i as f64 * INTERVAL).collect()
+/// The last time at which moving obstacles are looked at, s.
+fn until(scenario: &Scenario, end: f64) -> f64 {
+    let moving = scenario.obstacles.iter().filter(|o| !o.is_static());
+    moving.map(|o| o.lifetime().1).fold(f64::NEG_INFINITY, f64::max).min(end + LOOK_ON)
+}
+
+/// The times of a span, at least its first, at intervals.
+fn times((from, until): (f64, f64), interval: f64) -> Vec<f64> {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a span is 20 s at most; negative is 0
+    let count = ((until - from) / interval) as usize;
+    (0..=count).map(|i| from + i as f64 * interval).collect()
 }
 
 /// Distances at which the footprint is tested, m.
@@ -145,6 +211,7 @@ fn straight_road_end(road: &Road, vehicle: &Vehicle, pose: &Pose, settings: &Set
 struct Look<'a> {
     scenario: &'a Scenario,
     vehicle: &'a Vehicle,
+    obstacles: Vec<&'a Obstacle>,
     times: Vec<f64>,
 }
 
@@ -154,7 +221,10 @@ impl Look<'_> {
         steps().take_while(|ahead| *ahead < road_end || *ahead == 0.0).find_map(|ahead| {
             let pose = pose_at(ahead);
             let places: Vec<Place> = self.times.iter().map(|&time| Place { time, pose, speed: 0.0 }).collect();
-            let nearest = contact::nearest(self.scenario, self.vehicle, &places)?;
+            let obstacle = contact::nearest_obstacle(self.obstacles.iter().copied(), self.vehicle, &places);
+            // cells do not move
+            let cells = cells::nearest(self.scenario, self.vehicle, &places[..1]);
+            let nearest = obstacle.into_iter().chain(cells).reduce(|a, b| if b.gap < a.gap { b } else { a })?;
             (nearest.gap < 0.0).then_some((ahead, nearest.thing))
         })
     }
@@ -231,6 +301,7 @@ fn chains(network: &RoadNetwork, from: LaneletId) -> Vec<Vec<LaneletId>> {
 mod tests {
     use super::super::testing::Story;
     use super::*;
+    use crate::simulation::Sample;
 
     fn check(s: &Story, name: &str) -> Check {
         s.judge().checks.into_iter().find(|c| c.name == name).unwrap()
@@ -309,7 +380,7 @@ mod tests {
         };
         s.goal().position = region(&s, 40.0);
         assert_eq!(s.failures(), ["goal"]);
-        assert!(check(&s, "goal").note.ends_with("it drove past the goal"), "{:?}", check(&s, "goal"));
+        assert!(check(&s, "goal").note.contains("; it was driven past; stopped "), "{:?}", check(&s, "goal"));
         s.goal().position = region(&s, 110.0);
         assert_eq!(s.failures(), [""; 0], "a goal beyond the obstacle");
     }
@@ -329,7 +400,7 @@ mod tests {
         let on_arc = |angle: f64| Pose::new(30.0 * angle.sin(), 30.0 - 30.0 * angle.cos(), angle);
         let standing = crate::simulation::Sample { pose: on_arc(0.0), speed: 0.0, ..s.log.samples[0] };
         s.log.samples = vec![standing];
-        let ahead = |s: &Story| free_road(&s.scenario, &s.vehicle, &s.log, &s.settings).unwrap();
+        let ahead = |s: &Story| free_road(&s.scenario, &s.vehicle, &s.log, &s.settings, |_| false).unwrap();
         s.scenario.obstacles = vec![crate::fixtures::parked(7, on_arc(0.45), 2.0, 1.8)];
         let free = ahead(&s);
         // arc length 13.5 m to the obstacle's middle, less half its length and the front overhang of 3.676 m
@@ -338,6 +409,14 @@ mod tests {
         assert_eq!(ahead(&s).end, End::None);
         s.scenario.obstacles = vec![crate::fixtures::parked(7, Pose::new(12.0, -3.2, 0.0), 2.0, 1.8)];
         assert_eq!(ahead(&s).end, End::None, "an obstacle beside the road is not in the way");
+        // on the outer lane of the bend, straight ahead
+        s.scenario.network.lanelets.insert(2, crate::fixtures::lanelet(2, arc(35.25), arc(31.75)));
+        s.scenario.obstacles = vec![crate::fixtures::parked(7, Pose::new(12.0, -0.6, 0.4), 2.0, 1.0)];
+        assert_eq!(ahead(&s).end, End::None, "{:?}", ahead(&s));
+        // a vehicle that points there has it in its way
+        s.log.samples[0].pose.yaw -= 0.2;
+        s.scenario.obstacles = vec![crate::fixtures::parked(7, Pose::new(10.0, -1.6, 0.4), 2.0, 1.0)];
+        assert!(ahead(&s).is_in_the_way(), "{:?}", ahead(&s));
     }
 
     #[test]
@@ -348,5 +427,34 @@ mod tests {
         assert_eq!(check(&s, "stop_needed").status, Status::NotApplicable);
         assert_eq!(check(&s, "goal").note, "not applicable: the planning problem has no goal");
         assert_eq!(s.failures(), [""; 0]);
+    }
+
+    #[test]
+    fn an_obstacle_that_comes_from_behind_through_the_stopped_vehicle_is_not_in_its_way() {
+        let mut s = stopped();
+        s.scenario.obstacles.push(s.place.moving(7, (16.0, 20.0), (60.0, 0.0), (120.0, 0.0)));
+        assert_eq!(s.failures(), ["goal", "stop_needed"], "{:?}", check(&s, "stop_needed"));
+        // one that comes towards the vehicle is
+        s.scenario.obstacles.pop();
+        s.scenario.obstacles.push(s.place.moving(7, (16.0, 20.0), (120.0, 0.0), (60.0, 0.0)));
+        assert_eq!(s.failures(), [""; 0]);
+    }
+
+    #[test]
+    fn an_obstacle_that_left_long_before_the_end_is_no_reason_to_stand() {
+        let standing_until = |leaves: f64| {
+            let mut s = stopped();
+            let last = *s.log.samples.last().unwrap();
+            let standing = (1..=2500).map(|i| Sample { time: last.time + 0.01 * f64::from(i), ..last });
+            s.log.samples.extend(standing);
+            let at = |time, x| crate::map::TimedPose { time, pose: s.place.pose(x, 0.0, 0.0), speed: 0.0 };
+            let states = vec![at(0.0, 90.0), at(leaves, 90.0), at(leaves + 2.0, 115.0)];
+            let lead = Obstacle { motion: crate::map::Motion::Trajectory(states), ..s.place.parked(7, 90.0, 0.0) };
+            s.scenario.obstacles.push(lead);
+            s.failures()
+        };
+        // the run ends at 40 s
+        assert_eq!(standing_until(25.0), ["goal", "stop_needed"]);
+        assert_eq!(standing_until(31.0), [""; 0]);
     }
 }

@@ -78,6 +78,7 @@ pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Check {
                 limit,
                 unit: "m",
                 at_time: Some(time),
+                impact: None,
                 note: format!(
                     "stopped {:.2} m {side} the planned stop at {time:.2} s; limit {limit:.2} m",
                     Short(error.abs())
@@ -92,6 +93,7 @@ pub(super) fn stops(cycles: &[Cycle], log: &Log, settings: &Settings) -> Check {
             limit: settings.standstill_speed,
             unit: "m/s",
             at_time: Some(last.time),
+            impact: None,
             note: "stood still; no committed trajectory had a stop ahead".into(),
             method: "speed at the end of the run".into(),
         },
@@ -114,6 +116,7 @@ fn ended_moving(speed: f64, time: f64, planned: Option<f64>, settings: &Settings
         limit: settings.standstill_speed,
         unit: "m/s",
         at_time: Some(time),
+        impact: None,
         note: format!(
             "still moved at {:.2} m/s at the end of the run, {time:.2} s{late}; limit {:.2} m/s",
             Short(speed),
@@ -136,6 +139,7 @@ pub(super) fn stop_proven(cycles: &[Cycle]) -> Check {
         limit: 1.0,
         unit: "share",
         at_time: first,
+        impact: None,
         note: match first {
             _ if all == 0 => "no planning cycle ran".into(),
             Some(time) => {

@@ -23,6 +23,7 @@ pub(super) fn tracking(log: &Log, settings: &Settings) -> Check {
         limit,
         unit: "m",
         at_time: Some(time),
+        impact: None,
         note: if error == 0.0 {
             format!("no lateral offset from the reference pose; limit {limit:.2} m")
         } else {

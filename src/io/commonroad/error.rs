@@ -2,6 +2,7 @@
 
 use crate::io::files::InputError;
 use crate::io::kind::FileKind;
+use crate::number::Short;
 
 /// Location of an element.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -88,6 +89,16 @@ pub enum ElementError {
         /// The values that are valid.
         expected: &'static str,
     },
+    /// An interval or a region, where a proof needs an exact value.
+    #[error("{place}: is uncertain by {:.4}, expected {expected}", Short(*width))]
+    Uncertain {
+        /// Location.
+        place: Place,
+        /// Width of the interval, or diagonal of the region, in the unit of the element.
+        width: f64,
+        /// The widths that are valid.
+        expected: &'static str,
+    },
     /// A line or polygon with too few or too many distinct points.
     #[error("{place}: has {found} point(s), expected {expected}")]
     BadPoints {
@@ -129,6 +140,7 @@ impl ElementError {
         match self {
             Self::Missing { place, .. }
             | Self::BadValue { place, .. }
+            | Self::Uncertain { place, .. }
             | Self::BadPoints { place, .. }
             | Self::DuplicateId { place, .. }
             | Self::NoSuchLanelet { place, .. }

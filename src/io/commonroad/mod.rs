@@ -9,14 +9,15 @@
 //! expansion), and one module reads each section of the tree. There are two kinds of trouble:
 //!
 //! - **[`ReadError`]**: the file is not a scenario, or an element that decides about a position or a size is missing or
-//!   invalid: a coordinate that is not a number, an obstacle without a shape, a lane of one point. A default would be a
-//!   guess about a possible collision. All such elements are reported at once ([`ElementErrors`]): a faulty element is
+//!   invalid: a coordinate that is not a number, an obstacle without a shape, a lane of one point, a state that is an
+//!   interval ([`ElementError::Uncertain`]). A default would be a guess about a possible collision. All such elements are reported at once ([`ElementErrors`]): a faulty element is
 //!   skipped, and the reader examines the others.
-//! - **[`Issue`](crate::map::Issue)**: the scenario is usable: a reference to a missing lanelet, an unknown element, an
-//!   uncertain state whose middle is used.
+//! - **[`Issue`](crate::map::Issue)**: the scenario is usable: a reference to a missing lanelet, an unknown element, a
+//!   state that is uncertain by less than a centimetre.
 //!
-//! Limits: intersections, signal states and the geographic location are skipped; an uncertain position of a state (a
-//! region instead of a point) is reduced to its middle; a stop line applies to its whole lanelet.
+//! Limits: intersections, signal states and the geographic location are skipped; states with intervals or regions wider
+//! than a tolerance are refused (0.01 m, 0.001 rad, 0.01 m/s, 0.01 m/s², 0.001 rad/s; a time has to be exact); a stop line
+//! applies to its whole lanelet.
 
 mod error;
 mod network;

@@ -88,7 +88,7 @@ fn initial(source: &mut Source, node: Node, shape: Option<&Shape>) -> Read<State
     let node = source.child(node, "initialState")?;
     let mut state = state::read(source, node)?;
     if state.uncertain {
-        source.note(node, "is uncertain; the middle of its intervals and regions is used");
+        source.note(node, "is uncertain within the tolerances; the middle of its intervals and regions is used");
     }
     if state.yaw.is_none() && !shape.is_some_and(shape::is_round) {
         source.note(node, "has no orientation; 0 is used");
@@ -214,7 +214,7 @@ fn trajectory(
 fn note_gaps(source: &mut Source, node: Node, states: &[State]) {
     let steps = states.windows(2).map(|w| w[1].step - w[0].step);
     let usual = steps.clone().fold(f64::INFINITY, f64::min);
-    // time steps may be intervals, whose middles lie at halves
+    // a gap is longer than a step: the factor allows for rounding only
     let gaps = steps.clone().filter(|s| *s > 1.5 * usual).count();
     let longest = steps.fold(0.0, f64::max);
     if gaps > 0 {

@@ -43,31 +43,31 @@ const MAX_SPEED: f64 = 150.0;
 fn initial(source: &mut Source, node: Node) -> Read<InitialState> {
     let state = state::read(source, node);
     let (orientation, velocity) = (source.child(node, "orientation"), source.child(node, "velocity"));
-    let mut middle_of = |name| Ok(source.optional(node, name, state::values)?.map_or(0.0, middle));
-    let (acceleration, yaw_rate) = (middle_of("acceleration"), middle_of("yawRate"));
+    let mut middle_of = |name, tolerance| {
+        let value = source.optional(node, name, |source, n| state::middle(source, n, state::values, tolerance));
+        Ok(value?.map_or(0.0, |(middle, _)| middle))
+    };
+    let acceleration = middle_of("acceleration", state::ACCELERATION);
+    let yaw_rate = middle_of("yawRate", state::YAW_RATE);
     let (state, _, velocity) = (state?, orientation?, velocity?);
     let speed = state.speed.unwrap_or(0.0);
     if speed.abs() > MAX_SPEED {
         return Err(source.bad_value(velocity, &speed.to_string(), "a speed of at most 150 m/s"));
     }
     if state.uncertain {
-        source.note(node, "is uncertain; the middle of its intervals and regions is used");
+        source.note(node, "is uncertain within the tolerances; the middle of its intervals and regions is used");
     }
     if speed < 0.0 {
         source.note(node, format!("rolls backwards at {} m/s; plans go forwards only", -speed));
     }
-    #[allow(clippy::cast_possible_truncation)] // at most 1e9
+    #[allow(clippy::cast_possible_truncation)] // whole and at most 1e9
     Ok(InitialState {
         centre: Pose { position: state.position, yaw: state.yaw.unwrap_or(0.0) },
         speed,
         acceleration: acceleration?,
         yaw_rate: yaw_rate?,
-        time_step: state.step.floor() as i64,
+        time_step: state.step as i64,
     })
-}
-
-fn middle(interval: Interval) -> f64 {
-    f64::midpoint(interval.min, interval.max)
 }
 
 fn goal(source: &mut Source, node: Node, network: &Network, time_step: f64) -> Read<Goal> {

@@ -72,6 +72,21 @@ fn area(vertices: &[Point]) -> f64 {
 
 /// Middle of the shape's bounding box.
 pub(super) fn middle(shape: &Shape) -> Point {
+    if let [Part::Rectangle { centre, .. }] = shape.parts.as_slice() {
+        return centre.position;
+    }
+    let (low, high) = bounds(shape);
+    nalgebra::center(&low, &high)
+}
+
+/// Diagonal of the shape's bounding box, m.
+pub(super) fn extent(shape: &Shape) -> f64 {
+    let (low, high) = bounds(shape);
+    (high - low).norm()
+}
+
+/// Lower left and upper right corner of the shape's bounding box.
+fn bounds(shape: &Shape) -> (Point, Point) {
     let (mut low, mut high) = (Point::new(f64::MAX, f64::MAX), Point::new(f64::MIN, f64::MIN));
     let mut include = |p: Point| {
         low = low.inf(&p);
@@ -79,7 +94,6 @@ pub(super) fn middle(shape: &Shape) -> Point {
     };
     for part in &shape.parts {
         match part {
-            Part::Rectangle { centre, .. } if shape.parts.len() == 1 => return centre.position,
             Part::Rectangle { centre, length, width } => {
                 for (x, y) in [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)] {
                     include(centre.to_world(Point::new(x * length, y * width)));
@@ -92,7 +106,7 @@ pub(super) fn middle(shape: &Shape) -> Point {
             Part::Polygon { vertices } => vertices.iter().for_each(|v| include(*v)),
         }
     }
-    nalgebra::center(&low, &high)
+    (low, high)
 }
 
 /// Whether the shape is the same in every orientation.

@@ -1,13 +1,36 @@
 //! States. A value is exact or an interval; a position is a point or a region.
+//!
+//! A proof starts from states: that of the vehicle, and those of the obstacles. The middle of an interval would be a guess about
+//! all of its other values, so the reader refuses a state with an interval or a region that is wider than a tolerance. The
+//! tolerances are below the accuracy of localisation and far below every margin of a plan. A time is exact.
 
+use super::error::ElementError;
 use super::shape;
 use super::xml::{Node, Read, Source, child};
 use crate::geometry::Point;
 use crate::map::Interval;
 
-/// A state with its uncertain values reduced to their middles.
+/// Widest interval of a quantity whose middle is used.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tolerance {
+    width: f64,
+    /// With its unit, for messages.
+    expected: &'static str,
+}
+
+/// Diagonal of the box around a region of positions.
+const POSITION: Tolerance = Tolerance { width: 0.01, expected: "a point, or a region of at most 0.01 m" };
+const ORIENTATION: Tolerance = Tolerance { width: 1e-3, expected: "exact, or an interval of at most 0.001 rad" };
+const VELOCITY: Tolerance = Tolerance { width: 0.01, expected: "exact, or an interval of at most 0.01 m/s" };
+const TIME: Tolerance = Tolerance { width: 0.0, expected: "exact" };
+pub(super) const ACCELERATION: Tolerance =
+    Tolerance { width: 0.01, expected: "exact, or an interval of at most 0.01 m/s²" };
+pub(super) const YAW_RATE: Tolerance =
+    Tolerance { width: 1e-3, expected: "exact, or an interval of at most 0.001 rad/s" };
+
+/// A state with its uncertain values, at most as wide as their tolerances, reduced to their middles.
 pub(super) struct State {
-    /// Time in steps of the file; a half where it is the middle of an interval.
+    /// Time in steps of the file.
     pub(super) step: f64,
     pub(super) position: Point,
     pub(super) yaw: Option<f64>,
@@ -18,18 +41,38 @@ pub(super) struct State {
 
 /// Reads a state's time, position, orientation and velocity.
 pub(super) fn read(source: &mut Source, node: Node) -> Read<State> {
-    let step = source.required(node, "time", steps);
-    let yaw = source.optional(node, "orientation", angles);
-    let speed = source.optional(node, "velocity", values);
+    let step = source.required(node, "time", |source, n| middle(source, n, steps, TIME));
+    let yaw = source.optional(node, "orientation", |source, n| middle(source, n, angles, ORIENTATION));
+    let speed = source.optional(node, "velocity", |source, n| middle(source, n, values, VELOCITY));
     let position = source.required(node, "position", position);
-    let (step, yaw, speed, (position, is_region)) = (step?, yaw?, speed?, position?);
-    let mut uncertain = is_region;
-    let mut middle_of = |interval: Interval| {
-        uncertain |= interval.min < interval.max;
-        f64::midpoint(interval.min, interval.max)
-    };
-    let (step, yaw, speed) = (middle_of(step), yaw.map(&mut middle_of), speed.map(&mut middle_of));
-    Ok(State { step, position, yaw, speed, uncertain })
+    let ((step, _), yaw, speed, (position, is_region)) = (step?, yaw?, speed?, position?);
+    let is_interval = |value: &Option<(f64, bool)>| value.is_some_and(|(_, is_interval)| is_interval);
+    let uncertain = is_region || is_interval(&yaw) || is_interval(&speed);
+    let exact = |value: Option<(f64, bool)>| value.map(|(middle, _)| middle);
+    Ok(State { step, position, yaw: exact(yaw), speed: exact(speed), uncertain })
+}
+
+/// An exact value, or the middle of an interval within the tolerance; and whether it was an interval.
+pub(super) fn middle(
+    source: &mut Source,
+    node: Node,
+    read: impl Fn(&mut Source, Node) -> Read<Interval>,
+    tolerance: Tolerance,
+) -> Read<(f64, bool)> {
+    let Interval { min, max } = read(source, node)?;
+    within(source, node, max - min, tolerance)?;
+    Ok((f64::midpoint(min, max), min < max))
+}
+
+/// Reports a value that is wider than its tolerance.
+fn within(source: &mut Source, node: Node, width: f64, tolerance: Tolerance) -> Read<()> {
+    /// The ends of an interval are decimal numbers, and their difference is rounded.
+    const ROUNDING: f64 = 1e-9;
+    if width <= tolerance.width + ROUNDING {
+        return Ok(());
+    }
+    let (place, expected) = (source.place(node), tolerance.expected);
+    Err(source.report(ElementError::Uncertain { place, width, expected }))
 }
 
 /// A point, or the middle of a region; and whether it was a region.
@@ -40,7 +83,9 @@ fn position(source: &mut Source, node: Node) -> Read<(Point, bool)> {
     if !shape::is_region(node) {
         return Err(source.missing(node, "point, rectangle, circle or polygon"));
     }
-    Ok((shape::middle(&shape::read(source, node)?), true))
+    let region = shape::read(source, node)?;
+    within(source, node, shape::extent(&region), POSITION)?;
+    Ok((shape::middle(&region), true))
 }
 
 /// An exact value or an interval.

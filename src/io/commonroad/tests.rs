@@ -493,22 +493,71 @@ fn skips_unknown_elements_with_an_issue() {
     noted(&with("drivingDir=\"opposite\"", "drivingDir=\"up\""), &["assumed opposite"]);
 }
 
+/// A rectangle around a point, aligned with the axes.
+fn region(x: f64, y: f64, length: f64) -> String {
+    let centre = format!("<center><x>{x}</x><y>{y}</y></center>");
+    format!("<rectangle><length>{length}</length><width>0.001</width>{centre}</rectangle>")
+}
+
+fn interval(from: f64, to: f64) -> String {
+    format!("<intervalStart>{from}</intervalStart><intervalEnd>{to}</intervalEnd>")
+}
+
 #[test]
-fn reduces_uncertain_states_to_their_middle_with_an_issue() {
+fn refuses_an_uncertain_state_with_its_line() {
+    let problem = "planningProblem 40, initialState";
+    let cases = [
+        ("<point><x>1000005.0</x><y>1.75</y></point>", region(1_000_005.0, 1.75, 0.5), "position", "0.5000", "0.01 m"),
+        ("<exact>0.01</exact>", interval(-0.1, 0.1), "orientation", "0.2", "0.001 rad"),
+        ("<exact>8.0</exact>", interval(7.0, 8.0), "velocity", "1", "0.01 m/s"),
+        ("<exact>0.02</exact>", interval(0.0, 0.02), "yawRate", "0.02", "0.001 rad/s"),
+    ];
+    for (exact, uncertain, element, width, tolerance) in cases {
+        let (element, width) = (format!("{problem}, {element}"), format!("is uncertain by {width}"));
+        let error = refused_element(&with(exact, &uncertain), &[&element, &width, tolerance]);
+        assert!(matches!(error, ElementError::Uncertain { .. }), "{error:?}");
+        assert_eq!(error.place().line as usize, line_of(exact), "{error}");
+    }
+    // the time and the acceleration of the planning problem
+    let at = SMALL.find("<planningProblem").unwrap();
+    let (before, after) = SMALL.split_at(at);
+    let late = after.replacen("<time><exact>0</exact>", &format!("<time>{}", interval(0.0, 1.0)), 1);
+    let error =
+        refused_element(&format!("{before}{late}"), &["initialState, time: is uncertain by 1.0000, expected exact"]);
+    assert_eq!(error.place().line, 1 + 4 + u32::try_from(before.matches('\n').count()).unwrap());
+    let braking = format!("<acceleration>{}</acceleration><slipAngle>", interval(-6.0, 0.0));
+    refused_element(&with("<slipAngle>", &braking), &["initialState, acceleration", "by 6", "0.01 m/s²"]);
+    // both ends of a heading across the full turn
+    refused_element(&with("<exact>0.01</exact>", &interval(3.1, -3.1)), &["orientation: is uncertain by 0.08"]);
+}
+
+#[test]
+fn refuses_uncertain_states_of_obstacles() {
+    let parked = "<point><x>1000030.0</x><y>1.0</y></point>";
+    let wide = region(1_000_030.0, 1.0, 2.0);
+    refused_element(&with(parked, &wide), &["staticObstacle 30, initialState, position: is uncertain by 2"]);
+    let moved = "<point><x>1000001.0</x><y>1.75</y></point>";
+    let wide = region(1_000_001.0, 1.75, 0.02);
+    refused_element(&with(moved, &wide), &["dynamicObstacle 31, trajectory, state, position: is uncertain by 0.02"]);
+    let time = ("<exact>3</exact>", interval(3.0, 4.0));
+    refused_element(&with(time.0, &time.1), &["dynamicObstacle 31, trajectory, state, time: is uncertain by 1"]);
+}
+
+#[test]
+fn an_uncertainty_within_the_tolerance_is_an_issue() {
     let s = noted(
-        &with(
-            "<point><x>1000001.0</x><y>1.75</y></point>",
-            "<rectangle><length>1</length><width>1</width><center><x>1000001.5</x><y>2</y></center></rectangle>",
-        ),
+        &with("<point><x>1000001.0</x><y>1.75</y></point>", &region(1_000_001.5, 2.0, 0.009)),
         &["1 of 2 states are uncertain"],
     );
     let Motion::Trajectory(states) = &s.obstacles[1].motion else { panic!() };
     assert_eq!(states[1].pose.position, Point::new(1_000_001.5, 2.0));
     let s = noted(
-        &with("<exact>8.0</exact>", "<intervalStart>7.0</intervalStart><intervalEnd>8.0</intervalEnd>"),
-        &["planningProblem 40, initialState: is uncertain"],
+        &with("<exact>8.0</exact>", &interval(7.99, 8.0)),
+        &["planningProblem 40, initialState: is uncertain within the tolerances"],
     );
-    assert_eq!(s.problems[0].initial.speed, 7.5);
+    assert_eq!(s.problems[0].initial.speed, 7.995);
+    // an interval of no width is exact
+    assert_eq!(read(&with("<exact>8.0</exact>", &interval(8.0, 8.0))).unwrap().issues, []);
     noted(&with("<exact>8.0</exact>", "<exact>-2.0</exact>"), &["rolls backwards at 2 m/s"]);
 }
 
