@@ -10,24 +10,24 @@
 //! - **Acceleration**: the profile's acceleration, inverted through the lag of drive or brakes ([`lag_compensated`]),
 //!   plus drag, rolling resistance and the inertia of the wheels' spin; bounded feedback on station and speed error
 //!   with a double pole. The station error acts as an integrator, so there is no integrator state that could wind up.
-//! - **Bounds**: both demands stay within the grip of the road as believed ([`Grip`]), steering first. The vehicle
-//!   brakes at most [`BRAKING_SHARE`] times as hard as the profile to make good for the brakes' lag ([`gentle`]): a
-//!   profile that begins with a step of braking costs distance instead of a harder stop than the one that was proven.
-//!   Errors that the lag does not explain ([`lateness`]) are corrected in full.
+//! - **Bounds**: both demands stay within the grip of the road as believed ([`Grip`]), steering first. A step of the
+//!   acceleration that the profile contains at least one lag ahead is commanded early, so that the vehicle brakes at most
+//!   4 % harder than the profile. After a step at the first instant, the vehicle brakes up to a fifth harder than the
+//!   profile to make good for the lag; every plan therefore begins with the motion of the plan before.
 //! - **Stop**: over the last metres the controller aims 15 mm short of the end, which exceeds the remaining error of
 //!   model and feedback. Once the reference speed is zero and stays zero and the vehicle stands still, the brakes hold
 //!   it. Short of the end by more than a tolerance, the vehicle creeps forward; if it still rolls beyond the end, it
-//!   brakes as hard as the bounds allow. It never drives backwards.
+//!   brakes as hard as the profile at its hardest. It never drives backwards.
 //!
 //! **Tuning.** In time, both open loops are (ω² + 2 ω p)/p² behind a lag τ. Their crossover is near 2.06 ω, where the
 //! controller leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less the phase of yaw inertia and
 //! sampling. ω is [`LAG_SHARE`]/τ, which leaves at least 43°. For speed, τ is the slower lag of drive and brakes; for
-//! steering, it is [`Vehicle::lateral_lag`]. ω is capped where more bandwidth would only amplify noise. `margins` computes phase and gain margins
-//! of the linearised loops, with tyres, over all vehicles and speeds.
+//! steering, it is [`Vehicle::lateral_lag`]. ω is capped where more bandwidth would only amplify noise. `margins` computes
+//! phase and gain margins of the linearised loops, with tyres, over all vehicles and speeds.
 //!
 //! Limitations: the controller assumes one friction for the whole road; a trajectory that exceeds the tyres' grip is
-//! followed as far as the tyres allow. The bound on braking and the inversion need the measured acceleration; dead time
-//! of the commands weakens the bound.
+//! followed as far as the tyres allow. The inversion needs the measured acceleration. With dead time in its commands, the
+//! vehicle brakes harder than a profile with a step.
 
 mod inverse;
 #[cfg(test)]
@@ -61,7 +61,7 @@ const STANDSTILL_PREVIEW: f64 = 0.5;
 const STANDSTILL_REFERENCE: f64 = 1e-3;
 /// Below this speed the vehicle counts as standing still when the profile does, m/s.
 const STANDSTILL_SPEED: f64 = 0.03;
-/// Above this speed beyond the end, the stop has failed and the controller brakes as hard as the bounds allow, m/s.
+/// Above this speed beyond the end, the stop has failed and the vehicle brakes as hard as its profile at its hardest, m/s.
 /// This happens in an emergency that began later than the brakes' lag allows. Stops with a ramp are slower there.
 const OVERRUN: f64 = 2.0 * STANDSTILL_SPEED;
 /// Within this distance before the end, the brakes hold the vehicle where it stands, m.
@@ -80,12 +80,8 @@ const HOLD: f64 = 2.0;
 const GRIP_SHARE: f64 = 0.95;
 /// Share of the grip that remains for braking in any turn: braking also reduces the lateral acceleration.
 const LEAST_SHARE: f64 = 0.5;
-/// The vehicle brakes at most this many times as hard as its profile at its hardest.
-const BRAKING_SHARE: f64 = 1.04;
-/// Deceleration up to which a profile that hardly brakes leaves the feedback free, m/s².
-const FREE_BRAKING: f64 = 0.5;
-/// Time after which a demand may result in the largest deceleration, over the lag of the brakes.
-const BRAKING_PREVIEW: f64 = 0.5;
+/// Deceleration below which a profile hardly brakes, m/s².
+const COASTING: f64 = 0.5;
 
 /// Decides, at the control rate, on the commands to steering, drive and brakes.
 ///
@@ -201,26 +197,16 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     if at_end && state.speed < STANDSTILL_SPEED && station_error < STOP_TOLERANCE {
         return -HOLD;
     }
-    let hardest = BRAKING_SHARE * hardest_braking(profile);
     if at_end && state.speed > OVERRUN && station_error < 0.0 {
-        let overrun = if hardest > FREE_BRAKING { hardest } else { HOLD };
-        return gentle(-overrun, 0.0, -overrun, state.acceleration);
+        let hardest = hardest_braking(profile);
+        return -if hardest > COASTING { hardest } else { HOLD };
     }
     let omega = longitudinal_bandwidth(vehicle);
-    let feedback = |station_error: f64, speed_error: f64| {
-        let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
-        feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK)
-    };
-    let late = lateness(profile, since, vehicle.actuators.brake_lag);
-    let full = feedback(station_error, speed_error);
-    let unexplained = feedback(station_error + late.0, speed_error + late.1).min(0.0);
+    let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
+    let feedback = feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK);
     let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
     let resistance = vehicle.resistance(state.speed);
-    let least = -hardest.max(FREE_BRAKING);
-    let effort = |lag| {
-        let planned = lag_compensated(profile, since + half_period, lag);
-        gentle(planned, full, least, state.acceleration).min(planned + unexplained.max(full)) * spin + resistance
-    };
+    let effort = |lag| (lag_compensated(profile, since + half_period, lag) + feedback) * spin + resistance;
     let braking = effort(vehicle.actuators.brake_lag);
     if braking < 0.0 { braking } else { effort(vehicle.actuators.drive_lag).max(0.0) }
 }
@@ -229,27 +215,6 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
 fn hardest_braking(profile: &SpeedProfile) -> f64 {
     let within = profile.knots().windows(2).map(|pair| pair[0].after(pair[1].time - pair[0].time).acceleration);
     profile.knots().iter().map(|k| k.acceleration).chain(within).fold(0.0, |hardest, a| hardest.max(-a))
-}
-
-/// How far (m) and how much faster (m/s) than the profile a vehicle is because its profile begins with a step of braking
-/// that the lag of its brakes delays: the response of the lag to the step, integrated once and twice. Steps within the
-/// profile are commanded early and cause no such error.
-fn lateness(profile: &SpeedProfile, time: f64, lag: f64) -> (f64, f64) {
-    let (step, since) = ((-profile.knots()[0].acceleration).max(0.0), (time - profile.knots()[0].time).max(0.0));
-    let filled = 1.0 - (-since / lag).exp();
-    (step * lag * (since - lag * filled), step * lag * filled)
-}
-
-/// The planned acceleration with feedback that does not make the vehicle brake harder than at `least` (m/s², negative).
-///
-/// The bound applies to the measured acceleration, not to the demand: a vehicle that is heavier than believed needs a
-/// harder demand for the same deceleration. A demand u turns the acceleration a into a + (u − a)(1 − exp(−h/τ)) after
-/// h seconds; that value is bounded, with h = [`BRAKING_PREVIEW`] τ. Feedback may therefore speed up the response of
-/// the brakes. It never releases more than the feedback itself demands.
-fn gentle(planned: f64, feedback: f64, least: f64, measured: f64) -> f64 {
-    let reached = 1.0 - (-BRAKING_PREVIEW).exp();
-    let bound = measured + (least - measured) / reached;
-    (planned + feedback).max(bound.min(planned))
 }
 
 /// The station to aim at: the profile's, moved before the end where the profile ends at standstill.
@@ -398,31 +363,6 @@ mod tests {
             // in between, a jump causes the error of the lag's exponential
             assert!(end.abs() < 1e-3 && worst < 1.5 * lag * 0.4, "jumps, lag {lag} s: {end} m/s, {worst} m/s at worst");
         }
-    }
-
-    #[test]
-    fn lateness_is_the_response_of_the_lag_to_the_first_step() {
-        let (lag, dt) = (0.2, 1e-4);
-        let profile = SpeedProfile::new(vec![knot(0.0, -4.0, 0.0), knot(3.0, 0.0, 0.0)]).unwrap();
-        let (mut output, mut speed, mut station): (f64, f64, f64) = (0.0, 0.0, 0.0);
-        for i in 1..20_000 {
-            output += (-4.0 - output) * dt / lag;
-            speed += (output + 4.0) * dt;
-            station += speed * dt;
-            let (ahead, faster) = lateness(&profile, f64::from(i) * dt, lag);
-            assert!((ahead - station).abs() < 1e-3 && (faster - speed).abs() < 1e-3, "{i}");
-        }
-        let smooth = SpeedProfile::new(vec![knot(0.0, 0.0, -2.0), knot(1.0, 0.0, 0.0)]).unwrap();
-        assert_eq!(lateness(&smooth, 0.5, lag), (0.0, 0.0));
-    }
-
-    #[test]
-    fn feedback_brakes_at_most_as_hard_as_the_bound_and_never_releases_the_plan() {
-        // far from the bound the feedback acts in full, at the bound not at all
-        assert_eq!(gentle(-4.0, -1.0, -4.2, 0.0), -5.0);
-        assert!((gentle(-4.0, -1.0, -4.2, -4.2) - -4.2).abs() < 1e-12);
-        assert_eq!(gentle(-4.0, -1.0, -4.2, -9.0), -4.0);
-        assert_eq!(gentle(-4.0, 1.0, -4.2, -9.0), -3.0);
     }
 
     #[test]
