@@ -71,10 +71,10 @@ impl TrackingTube {
     }
 
     /// Bounds for a vehicle that was not measured, wider than those of each built-in vehicle: the distance μ g τ² with the
-    /// slowest lag τ, three times the slip angle μ/c at which the softer axle's linear force would be the full grip, and up to a speed at
-    /// which the vehicle drives its wheelbase in a tenth of a second, half of it with full use of the grip.
+    /// slowest lag τ, three times the slip angle μ/c at which the softer axle's linear force would be the full grip, and up to
+    /// nine wheelbases per second or 80 % of the top speed, half of that with full use of the grip.
     pub(super) fn estimated(tyres: &Tyres, actuators: &Actuators, limits: &Limits, wheelbase: f64) -> Self {
-        let speed = limits.speed.min(10.0 * wheelbase);
+        let speed = (0.8 * limits.speed).min(9.0 * wheelbase);
         let lag = lateral_lag(tyres, actuators, speed).max(actuators.brake_lag).max(actuators.drive_lag);
         let distance = tyres.friction * GRAVITY * lag * lag;
         let slip = tyres.friction / tyres.cornering_front.min(tyres.cornering_rear);
@@ -164,19 +164,17 @@ mod tests {
     #[test]
     fn the_use_is_that_of_the_friction_circle_where_nothing_turns_or_shifts() {
         for name in builtin_names() {
-            let mut v = load(name).unwrap();
+            let v = load(name).unwrap();
+            let flat = Vehicle { mass_height: 0.0, ..v.clone() };
             let motion = PathMotion { speed: 10.0, acceleration: -1.0, curvature: -0.02, curvature_rate: 0.0 };
             for friction in [1.0, 0.6] {
                 let limits = ProofLimits::new(&v, friction);
                 let circle = 2.0f64.hypot(1.0) / limits.lateral_beside(0.0);
                 assert!(motion.grip_use(&v, friction).total > circle, "{name}: braking unloads the rear axle");
-                v.mass_height = 0.0;
-                assert!((motion.grip_use(&v, friction).total / circle - 1.0).abs() < 1e-12, "{name}");
+                assert!((motion.grip_use(&flat, friction).total / circle - 1.0).abs() < 1e-12, "{name}");
                 let turning = PathMotion { curvature_rate: 0.001, ..motion };
-                assert!(
-                    turning.grip_use(&v, friction).total > 1.05 * circle,
-                    "{name}: side force builds up with a lag"
-                );
+                let late = turning.grip_use(&flat, friction).total;
+                assert!(late > 1.05 * circle, "{name}: side force builds up with a lag");
             }
         }
     }
@@ -196,10 +194,12 @@ mod tests {
     fn bounds_grow_with_the_use() {
         let tube =
             TrackingTube { speed: [30.0, 20.0], lateral: [0.1, 0.8], longitudinal: [0.2, 0.4], heading: [0.0, 0.08] };
-        let used = GripUse { total: 0.5, turning: 0.25 };
-        assert_eq!(tube.at(&used), TrackingError { lateral: 0.2, longitudinal: 0.3, heading: 0.01 });
-        let straight = GripUse { total: 1.0, turning: 0.0 };
-        assert_eq!(tube.at(&straight), TrackingError { lateral: 0.1, longitudinal: 0.6000000000000001, heading: 0.0 });
+        for (total, turning, expected) in [(0.5, 0.25, [0.2, 0.3, 0.01]), (1.0, 0.0, [0.1, 0.6, 0.0])] {
+            let TrackingError { lateral, longitudinal, heading } = tube.at(&GripUse { total, turning });
+            for (found, expected) in [lateral, longitudinal, heading].into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-12, "{total} {turning}: {found} {expected}");
+            }
+        }
     }
 
     #[test]
