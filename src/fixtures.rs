@@ -27,7 +27,7 @@ use crate::map::{
 };
 use crate::planner::{Cycle, Decision, Plan, Smoothing, Trace};
 use crate::trajectory::{Path, SpeedKnot, Trajectory};
-use crate::vehicle::{Actuators, Comfort, Footprint, Limits, Tyres, Vehicle};
+use crate::vehicle::{Actuators, Comfort, Footprint, Limits, TrackingTube, Tyres, Vehicle};
 
 /// Time between two states of a moving obstacle, s.
 const TIME_STEP: f64 = 0.1;
@@ -270,6 +270,12 @@ pub fn vehicle() -> Vehicle {
             aggressive_deceleration: 6.0,
             lateral_acceleration: 3.0,
             jerk: 3.0,
+        },
+        tracking: TrackingTube {
+            speed: [30.0, 20.0],
+            lateral: [0.05, 0.5],
+            longitudinal: [0.05, 0.1],
+            heading: [0.02, 0.1],
         },
     }
 }

@@ -137,9 +137,9 @@ pub struct Driver<'p> {
 }
 
 impl<'p> Driver<'p> {
-    /// The planner with the tracking controller of the simulation.
+    /// The planner with the tracking controller of the simulation, which believes that the road is dry.
     pub fn following(planner: &'p mut dyn MotionPlanner) -> Self {
-        Self { planner, controller: Arc::new(TrackingController) }
+        Self { planner, controller: Arc::new(TrackingController::default()) }
     }
 }
 
@@ -157,7 +157,8 @@ pub fn drive<'a>(
 ) -> Result<Run<'a>, DriveError> {
     settings.validate()?;
     let mut planner = Planner::new(scenario.map(), vehicle, &settings.planner)?;
-    drive_with(scenario, problem, vehicle, settings, Driver::following(&mut planner), progress)
+    let controller = Arc::new(TrackingController::on_road(settings.believed_friction()));
+    drive_with(scenario, problem, vehicle, settings, Driver { planner: &mut planner, controller }, progress)
 }
 
 /// Drives as [`drive`] does, with another planner or controller. The simulation and the verdict use the given scenario, problem

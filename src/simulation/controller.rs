@@ -10,20 +10,24 @@
 //! - **Acceleration**: the profile's acceleration, inverted through the lag of drive or brakes ([`lag_compensated`]),
 //!   plus drag, rolling resistance and the inertia of the wheels' spin; bounded feedback on station and speed error
 //!   with a double pole. The station error acts as an integrator, so there is no integrator state that could wind up.
+//! - **Bounds**: both demands stay within the grip of the road as believed ([`Grip`]), steering first. A step of the
+//!   acceleration that the profile contains at least one lag ahead is commanded early, so that the vehicle brakes at most
+//!   4 % harder than the profile. After a step at the first instant, the vehicle brakes up to a fifth harder than the
+//!   profile to make good for the lag; every plan therefore begins with the motion of the plan before.
 //! - **Stop**: over the last metres the controller aims 15 mm short of the end, which exceeds the remaining error of
 //!   model and feedback. Once the reference speed is zero and stays zero and the vehicle stands still, the brakes hold
 //!   it. Short of the end by more than a tolerance, the vehicle creeps forward; if it still rolls beyond the end, it
-//!   brakes at the largest deceleration of the profile. It never drives backwards.
+//!   brakes as hard as the profile at its hardest. It never drives backwards.
 //!
 //! **Tuning.** In time, both open loops are (ω² + 2 ω p)/p² behind a lag τ. Their crossover is near 2.06 ω, where the
 //! controller leads by 76°, so the phase margin is about 76° − atan(2.06 ω τ), less the phase of yaw inertia and
 //! sampling. ω is [`LAG_SHARE`]/τ, which leaves at least 43°. For speed, τ is the slower lag of drive and brakes; for
-//! steering, it is the steering lag plus a share of m v/C = v/(c g), the time constant with which side force reduces
-//! lateral speed. ω is capped where more bandwidth would only amplify noise. `margins` computes phase and gain margins
-//! of the linearised loops, with tyres, over all vehicles and speeds.
+//! steering, it is [`Vehicle::lateral_lag`]. ω is capped where more bandwidth would only amplify noise. `margins` computes
+//! phase and gain margins of the linearised loops, with tyres, over all vehicles and speeds.
 //!
-//! Limitations: the controller assumes the vehicle's nominal friction; a trajectory that exceeds the tyres' grip is
-//! followed as far as the tyres allow; hard braking in a turn is left to the feedback (see [`inverse`]).
+//! Limitations: the controller assumes one friction for the whole road; a trajectory that exceeds the tyres' grip is
+//! followed as far as the tyres allow. The inversion needs the measured acceleration. With dead time in its commands, the
+//! vehicle brakes harder than a profile with a step.
 
 mod inverse;
 #[cfg(test)]
@@ -39,8 +43,6 @@ use crate::vehicle::GRAVITY;
 
 /// Bandwidth of a loop times the lag of its actuator: see "Tuning" in the module documentation.
 const LAG_SHARE: f64 = 0.25;
-/// Share of the side-force time constant v/(c g) that counts as steering lag: the yaw motion leads the lateral motion.
-const SIDE_FORCE_LAG: f64 = 0.7;
 /// Largest bandwidth of the lateral feedback in time, rad/s: above it, localisation noise would reach the steering.
 const LATERAL_BANDWIDTH: f64 = 2.5;
 /// Largest bandwidth of the lateral feedback along the path, 1/m. Active at walking pace.
@@ -59,9 +61,8 @@ const STANDSTILL_PREVIEW: f64 = 0.5;
 const STANDSTILL_REFERENCE: f64 = 1e-3;
 /// Below this speed the vehicle counts as standing still when the profile does, m/s.
 const STANDSTILL_SPEED: f64 = 0.03;
-/// Above this speed beyond the end, the stop has failed and the controller brakes at the largest deceleration of the
-/// profile, m/s. This happens in an emergency that began later than the brakes' lag allows. Stops with a ramp are
-/// slower there.
+/// Above this speed beyond the end, the stop has failed and the vehicle brakes as hard as its profile at its hardest, m/s.
+/// This happens in an emergency that began later than the brakes' lag allows. Stops with a ramp are slower there.
 const OVERRUN: f64 = 2.0 * STANDSTILL_SPEED;
 /// Within this distance before the end, the brakes hold the vehicle where it stands, m.
 const STOP_TOLERANCE: f64 = 0.03;
@@ -74,6 +75,13 @@ const AIM_BLEND: f64 = 5.0;
 const STOP_RELEASE: f64 = 0.5;
 /// Deceleration with which the brakes hold the vehicle at standstill, m/s².
 const HOLD: f64 = 2.0;
+/// Share of the grip as believed that the controller may demand: more than proofs use
+/// ([`CONTROL_SHARE`](crate::vehicle::CONTROL_SHARE)), less than anti-lock leaves (0.98).
+const GRIP_SHARE: f64 = 0.95;
+/// Share of the grip that remains for braking in any turn: braking also reduces the lateral acceleration.
+const LEAST_SHARE: f64 = 0.5;
+/// Deceleration below which a profile hardly brakes, m/s².
+const COASTING: f64 = 0.5;
 
 /// Decides, at the control rate, on the commands to steering, drive and brakes.
 ///
@@ -84,21 +92,51 @@ pub trait Controller: Send + Sync {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command;
 }
 
-/// The controller described at the head of this module's file: feed-forward and feedback, without memory.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct TrackingController;
+/// The controller described at the head of this module's file: feed-forward and feedback, without memory. By default it
+/// believes that the road is dry.
+#[derive(Debug, Clone, Copy)]
+pub struct TrackingController {
+    friction: f64,
+}
+
+impl TrackingController {
+    /// A controller for a road whose friction is believed to be `friction` times that of dry asphalt.
+    #[must_use]
+    pub fn on_road(friction: f64) -> Self {
+        Self { friction }
+    }
+}
+
+impl Default for TrackingController {
+    fn default() -> Self {
+        Self::on_road(1.0)
+    }
+}
 
 impl Controller for TrackingController {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
-        command(vehicle, trajectory, state, period)
+        command(vehicle, self.friction * vehicle.tyres.friction, trajectory, state, period)
+    }
+}
+
+/// The grip that the controller may demand, m/s²: the radius of the friction circle.
+#[derive(Debug, Clone, Copy)]
+struct Grip(f64);
+
+impl Grip {
+    fn new(friction: f64) -> Self {
+        Self(GRIP_SHARE * friction * GRAVITY)
+    }
+
+    /// The largest acceleration in one direction beside one in the other, m/s².
+    fn beside(self, other: f64) -> f64 {
+        (self.0 * self.0 - other * other).max((LEAST_SHARE * self.0).powi(2)).sqrt()
     }
 }
 
 /// Bandwidth of the lateral feedback along the path at a speed, 1/m.
 fn lateral_bandwidth(vehicle: &Vehicle, speed: f64) -> f64 {
-    let softest = vehicle.tyres.cornering_front.min(vehicle.tyres.cornering_rear);
-    let lag = vehicle.actuators.steering_lag + SIDE_FORCE_LAG * speed / (GRAVITY * softest);
-    let in_time = LATERAL_BANDWIDTH.min(LAG_SHARE / lag);
+    let in_time = LATERAL_BANDWIDTH.min(LAG_SHARE / vehicle.lateral_lag(speed));
     LATERAL_BANDWIDTH_PER_METRE.min(in_time / speed)
 }
 
@@ -108,30 +146,45 @@ fn longitudinal_bandwidth(vehicle: &Vehicle) -> f64 {
     LONGITUDINAL_BANDWIDTH.min(LAG_SHARE / actuators.drive_lag.max(actuators.brake_lag))
 }
 
-/// The command of [`TrackingController`].
-pub(super) fn command(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
+/// The command of [`TrackingController`] on a road with a friction coefficient.
+fn command(vehicle: &Vehicle, friction: f64, trajectory: &Trajectory, state: &State, period: f64) -> Command {
     let reference = trajectory.at(state.time);
     let projection = project(&trajectory.path, state.pose.position, reference.station);
-    let speed = state.speed.max(0.0);
-    let effort = reference.acceleration + resistance(vehicle, speed);
-    let drive = Drive { speed, acceleration: reference.acceleration, effort };
-    let model = Inverse::new(vehicle, &trajectory.path, drive);
+    let (speed, grip) = (state.speed.max(0.0), Grip::new(friction));
+    // loads and grip follow the real acceleration, which lags behind the reference
+    let effort = state.acceleration + vehicle.resistance(speed);
+    let drive = Drive { speed, acceleration: state.acceleration, effort };
+    let model = Inverse::new(vehicle, friction, &trajectory.path, drive);
+    let lateral = grip.beside(reference.acceleration);
+    let added = curvature_feedback(vehicle, &model, state, &projection, lateral);
+    let lag = vehicle.actuators.steering_lag + 0.5 * period;
+    let steering = model.steering(projection.station + speed * lag, added);
+    let longitudinal = grip.beside(speed * speed * (projection.curvature + added));
     Command {
-        steering: steering(vehicle, &model, state, &projection, 0.5 * period),
-        acceleration: acceleration(vehicle, trajectory, state, projection.station, 0.5 * period),
+        steering: steering.clamp(-vehicle.limits.steering, vehicle.limits.steering),
+        acceleration: acceleration(vehicle, trajectory, state, projection.station, 0.5 * period)
+            .clamp(-longitudinal, longitudinal),
     }
 }
 
-fn steering(vehicle: &Vehicle, model: &Inverse<'_>, state: &State, projection: &Projection, half_period: f64) -> f64 {
+/// Curvature that the feedback adds to the path's, 1/m. Together they demand at most a lateral acceleration of `largest`
+/// (m/s²).
+fn curvature_feedback(
+    vehicle: &Vehicle,
+    model: &Inverse<'_>,
+    state: &State,
+    projection: &Projection,
+    largest: f64,
+) -> f64 {
     let speed = state.speed.max(0.0);
-    let lag = vehicle.actuators.steering_lag + half_period;
     let heading_error = wrap_angle(state.pose.yaw - projection.yaw - model.rear_slip(projection.station, 0.0));
     let omega = lateral_bandwidth(vehicle, speed);
     let feedback = -omega * omega * projection.offset - 2.0 * omega * heading_error;
-    let largest = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
-    let feedback = feedback.clamp(-largest, largest);
-    let steering = model.steering(projection.station + speed * lag, feedback);
-    steering.clamp(-vehicle.limits.steering, vehicle.limits.steering)
+    let bound = LARGEST_CURVATURE_FEEDBACK.min(LARGEST_LATERAL_FEEDBACK / (speed * speed));
+    let (of_path, in_grip) = (projection.curvature, largest / (speed * speed));
+    // a path that exceeds the grip is left to the tyres
+    let (least, most) = ((-in_grip - of_path).min(0.0), (in_grip - of_path).max(0.0));
+    feedback.clamp(-bound, bound).clamp(least, most)
 }
 
 fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, station: f64, half_period: f64) -> f64 {
@@ -145,16 +198,23 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
         return -HOLD;
     }
     if at_end && state.speed > OVERRUN && station_error < 0.0 {
-        return -profile.knots().iter().map(|k| -k.acceleration).fold(HOLD, f64::max);
+        let hardest = hardest_braking(profile);
+        return -if hardest > COASTING { hardest } else { HOLD };
     }
     let omega = longitudinal_bandwidth(vehicle);
     let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
     let feedback = feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK);
     let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
-    let resistance = resistance(vehicle, state.speed);
+    let resistance = vehicle.resistance(state.speed);
     let effort = |lag| (lag_compensated(profile, since + half_period, lag) + feedback) * spin + resistance;
     let braking = effort(vehicle.actuators.brake_lag);
     if braking < 0.0 { braking } else { effort(vehicle.actuators.drive_lag).max(0.0) }
+}
+
+/// Largest deceleration of a profile, m/s².
+fn hardest_braking(profile: &SpeedProfile) -> f64 {
+    let within = profile.knots().windows(2).map(|pair| pair[0].after(pair[1].time - pair[0].time).acceleration);
+    profile.knots().iter().map(|k| k.acceleration).chain(within).fold(0.0, |hardest, a| hardest.max(-a))
 }
 
 /// The station to aim at: the profile's, moved before the end where the profile ends at standstill.
@@ -185,11 +245,6 @@ fn lag_compensated(profile: &SpeedProfile, time: f64, lag: f64) -> f64 {
     from.acceleration + lag * from.jerk + jumps
 }
 
-/// Deceleration by rolling resistance and drag, m/s².
-pub(super) fn resistance(vehicle: &Vehicle, speed: f64) -> f64 {
-    vehicle.tyres.rolling_resistance * GRAVITY + vehicle.tyres.drag * speed * speed.abs() / vehicle.mass
-}
-
 /// Projection of the vehicle onto its path.
 struct Projection {
     /// Station of the nearest point; beyond the ends of the path, on its tangents there, m.
@@ -197,6 +252,8 @@ struct Projection {
     /// Signed distance from the path, left positive, m.
     offset: f64,
     yaw: f64,
+    /// Curvature of the path, 1/m.
+    curvature: f64,
 }
 
 /// Projects onto the path: Newton's method from the reference station. If the vehicle is far from it, a search over the
@@ -224,7 +281,7 @@ fn project(path: &Path, position: Point, guess: f64) -> Projection {
             break;
         }
     }
-    Projection { station: station + local.x, offset: local.y, yaw: at.pose.yaw }
+    Projection { station: station + local.x, offset: local.y, yaw: at.pose.yaw, curvature: at.curvature }
 }
 
 #[cfg(test)]
@@ -306,6 +363,32 @@ mod tests {
             // in between, a jump causes the error of the lag's exponential
             assert!(end.abs() < 1e-3 && worst < 1.5 * lag * 0.4, "jumps, lag {lag} s: {end} m/s, {worst} m/s at worst");
         }
+    }
+
+    #[test]
+    fn demands_stay_within_the_grip_of_the_road_as_believed() {
+        let v = crate::vehicle::load("bmw_320i").unwrap();
+        let profile = SpeedProfile::new(vec![knot(0.0, -8.0, 0.0), knot(1.0, 0.0, 0.0)]).unwrap();
+        let t = Trajectory { start_time: 0.0, path: winding(), profile };
+        for friction in [1.0, 0.6, 0.15] {
+            let grip = GRIP_SHARE * friction * v.tyres.friction * GRAVITY;
+            for (offset, speed) in [(1.0, 14.0), (-1.0, 9.0), (0.0, 3.0)] {
+                let position = t.path.at(2.0).pose.to_world(Point::new(0.0, offset));
+                let pose = Pose { position, ..t.path.at(2.0).pose };
+                let state = State { time: 0.2, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+                let command = TrackingController::on_road(friction).command(&v, &t, &state, 0.01);
+                assert!(command.acceleration.abs() <= grip + 1e-12, "{friction} {speed}: {command:?}");
+                // the path's lateral acceleration and the feedback's together
+                let room = Grip::new(friction * v.tyres.friction).beside(0.0);
+                let projection = project(&t.path, pose.position, 2.0);
+                let model = Inverse::new(&v, friction, &t.path, Drive { speed, acceleration: 0.0, effort: 0.0 });
+                let total = projection.curvature + curvature_feedback(&v, &model, &state, &projection, room);
+                assert!(total.abs() * speed * speed <= room.max(projection.curvature.abs() * speed * speed) + 1e-9);
+            }
+        }
+        let grip = Grip::new(1.0);
+        assert!((grip.beside(0.6 * grip.0) - 0.8 * grip.0).abs() < 1e-12);
+        assert_eq!(grip.beside(2.0 * grip.0), LEAST_SHARE * grip.0);
     }
 
     #[test]

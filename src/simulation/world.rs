@@ -15,7 +15,7 @@ use super::disturbances::{DeadTime, Disturbances, Localisation};
 use super::friction::{FrictionMap, FrictionRegion};
 use super::obstacles::{Obstacles, REVIEW};
 use super::physics::{PartCollider, Physics};
-use super::{Contact, Log, Sample, Settings, SimulationError, Touched, controller};
+use super::{Contact, Log, Sample, Settings, SimulationError, Touched};
 use crate::geometry::{Point, Pose, Vector, wrap_angle};
 use crate::map::{Obstacle, OccupancyGrid};
 use crate::trajectory::{Trajectory, TrajectoryPoint};
@@ -88,7 +88,7 @@ impl World {
         let frame = Frame::at(pose.position);
         let mut physics = Physics::new(settings.step);
         let (chassis, footprint) = physics.insert_vehicle(vehicle, &frame, initial)?;
-        let resistance = controller::resistance(vehicle, speed);
+        let resistance = vehicle.resistance(speed);
         let effort = if speed == 0.0 && acceleration == 0.0 { 0.0 } else { acceleration + resistance };
         let obstacles = Obstacles::new(obstacles, &frame)?;
         let gear = RunningGear::rolling(vehicle, speed, acceleration, settings.friction_scale);
@@ -96,7 +96,7 @@ impl World {
         let vehicle = Arc::new(vehicle.clone());
         let mut world = Self {
             believed: Arc::clone(&vehicle),
-            controller: Arc::new(TrackingController),
+            controller: Arc::new(TrackingController::default()),
             settings: *settings,
             physics,
             frame,
@@ -140,7 +140,7 @@ impl World {
         self
     }
 
-    /// Replaces the default [`TrackingController`].
+    /// Replaces the default [`TrackingController`], which believes that the road is dry.
     #[must_use]
     pub fn controlled_by(mut self, controller: Arc<dyn Controller>) -> Self {
         self.controller = controller;

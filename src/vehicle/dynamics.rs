@@ -1,10 +1,11 @@
-//! Reads `dynamics.toml`: tyres, actuators, limits and comfort. Every key is required; an unknown key is an error.
+//! Reads `dynamics.toml`: tyres, actuators, limits, comfort and, if measured, tracking errors. Every key is required except
+//! the table `tracking`; an unknown key is an error.
 
 use std::path::Path;
 
 use serde::Deserialize;
 
-use super::{Actuators, Comfort, Limits, Tyres, VehicleError};
+use super::{Actuators, Comfort, Limits, TrackingTube, Tyres, VehicleError};
 use crate::io::settings_file::with_suggestion;
 use crate::number;
 
@@ -16,6 +17,7 @@ pub(super) struct Dynamics {
     pub(super) tyres: Tyres,
     pub(super) actuators: Actuators,
     pub(super) comfort: Comfort,
+    pub(super) tracking: Option<TrackingTube>,
 }
 
 #[derive(Deserialize)]
@@ -29,6 +31,7 @@ struct File {
     actuators: Actuators,
     #[serde(with = "ComfortTable")]
     comfort: Comfort,
+    tracking: Option<TrackingTable>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -73,6 +76,15 @@ struct ComfortTable {
     jerk: f64,
 }
 
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TrackingTable {
+    speed: [f64; 2],
+    lateral: [f64; 2],
+    longitudinal: [f64; 2],
+    heading: [f64; 2],
+}
+
 impl Dynamics {
     /// The limits, with those of the steering joints.
     pub(super) fn limits(&self, steering: f64, steering_rate: f64) -> Limits {
@@ -83,7 +95,7 @@ impl Dynamics {
 
 /// Reads and checks the file's text.
 pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
-    let File { commonroad_type, limits, tyres, actuators, comfort } =
+    let File { commonroad_type, limits, tyres, actuators, comfort, tracking } =
         toml::from_str(text).map_err(|e| VehicleError::Toml { file: file.to_owned(), message: with_suggestion(&e) })?;
     let check = |element: &str, value: f64, ok: bool, expected| {
         if ok && value.is_finite() {
@@ -133,5 +145,24 @@ pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
         aggressive >= comfort.deceleration && aggressive <= 100.0,
         "at least comfort.deceleration, at most 100 m/s²",
     )?;
-    Ok(Dynamics { commonroad_type, limits, tyres, actuators, comfort })
+    let tracking = tracking.map(|TrackingTable { speed, lateral, longitudinal, heading }| TrackingTube {
+        speed,
+        lateral,
+        longitudinal,
+        heading,
+    });
+    if let Some(TrackingTube { speed, lateral, longitudinal, heading }) = &tracking {
+        let descending = speed[0] >= speed[1] && speed[1] > 0.0;
+        for value in speed {
+            check("tracking.speed", *value, descending, "two positive finite numbers, the second at most the first")?;
+        }
+        for (element, bounds) in
+            [("tracking.lateral", lateral), ("tracking.longitudinal", longitudinal), ("tracking.heading", heading)]
+        {
+            for value in bounds {
+                check(element, *value, *value >= 0.0, "two finite numbers of at least 0")?;
+            }
+        }
+    }
+    Ok(Dynamics { commonroad_type, limits, tyres, actuators, comfort, tracking })
 }

@@ -8,12 +8,14 @@ mod footprint;
 mod mesh;
 mod proof;
 mod read;
+mod tube;
 mod urdf;
 
 pub use footprint::{Footprint, FootprintError, MAX_CORNERS, MAX_PARTS, MAX_REACH};
 pub use mesh::MeshError;
 pub use proof::{CONTROL_SHARE, GRAVITY, ProofLimits};
 pub use read::{VehicleError, builtin_names, files_of, load};
+pub use tube::{GripUse, PathMotion, TrackingError, TrackingTube};
 
 use crate::geometry::Pose;
 
@@ -56,6 +58,8 @@ pub struct Vehicle {
     pub actuators: Actuators,
     /// Comfort limits for planning and for the verdict.
     pub comfort: Comfort,
+    /// Bound of the tracking errors.
+    pub tracking: TrackingTube,
 }
 
 /// Physical limits of the vehicle's motion.
@@ -143,6 +147,20 @@ impl Vehicle {
     #[must_use]
     pub fn front_overhang_from_rear_axle(&self) -> f64 {
         self.rear_axle_to_centre + 0.5 * self.length
+    }
+
+    /// Time after which the lateral acceleration follows the steering command at a speed (m/s), s: the steering lag and a
+    /// share of m v/C = v/(c g), the time constant with which side force reduces lateral speed, for the softer axle. The
+    /// share is below 1 because the yaw motion leads the lateral motion.
+    #[must_use]
+    pub fn lateral_lag(&self, speed: f64) -> f64 {
+        tube::lateral_lag(&self.tyres, &self.actuators, speed)
+    }
+
+    /// Deceleration by rolling resistance and drag at a speed (m/s), m/s².
+    #[must_use]
+    pub fn resistance(&self, speed: f64) -> f64 {
+        self.tyres.rolling_resistance * GRAVITY + self.tyres.drag * speed * speed.abs() / self.mass
     }
 
     /// Largest curvature of the rear axle's path, 1/m: tan(δ_max)/wheelbase.

@@ -19,8 +19,8 @@ use super::Vehicle;
 /// Gravity, m/s² (CGPM 1901 standard value).
 pub const GRAVITY: f64 = 9.806_65;
 
-/// Share of grip and brakes that proofs use. The tracking controller needs the rest: it brakes up to a tenth harder than the
-/// profile where that begins with a jump of the acceleration, and anti-lock control leaves 2 % of the grip unused.
+/// Share of grip and brakes that proofs use. The tracking controller needs the rest to correct errors, and anti-lock control
+/// leaves 2 % of the grip unused.
 pub const CONTROL_SHARE: f64 = 0.85;
 
 /// Accelerations that proofs may use, m/s².

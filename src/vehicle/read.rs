@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use super::mesh::{MAX_BYTES, MeshError};
-use super::{Vehicle, dynamics, urdf};
+use super::{TrackingTube, Vehicle, dynamics, urdf};
 use crate::io::files::{self, InputError};
 use crate::io::settings_file::nearest;
 use crate::io::text;
@@ -202,7 +202,10 @@ fn assemble(
 ) -> Result<Vehicle, VehicleError> {
     let body = urdf::read(&folder.join("vehicle.urdf"), urdf_text, meshes)?;
     let dynamics = dynamics::read(&folder.join("dynamics.toml"), toml_text)?;
+    let limits = dynamics.limits(body.steering, body.steering_rate);
+    let estimated = || TrackingTube::estimated(&dynamics.tyres, &dynamics.actuators, &limits, body.wheelbase);
     Ok(Vehicle {
+        tracking: dynamics.tracking.unwrap_or_else(estimated),
         name: name.to_owned(),
         commonroad_type: dynamics.commonroad_type,
         length: body.footprint.length(),
@@ -217,7 +220,7 @@ fn assemble(
         yaw_inertia: body.yaw_inertia,
         wheel_radius: body.wheel_radius,
         wheel_inertia: body.wheel_inertia,
-        limits: dynamics.limits(body.steering, body.steering_rate),
+        limits,
         tyres: dynamics.tyres,
         actuators: dynamics.actuators,
         comfort: dynamics.comfort,

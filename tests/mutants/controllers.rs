@@ -21,7 +21,7 @@ pub(crate) enum Flaw {
 
 impl Controller for Flaw {
     fn command(&self, vehicle: &Vehicle, trajectory: &Trajectory, state: &State, period: f64) -> Command {
-        let real = |state: &State| TrackingController.command(vehicle, trajectory, state, period);
+        let real = |state: &State| TrackingController::default().command(vehicle, trajectory, state, period);
         let right = real(state);
         // on the plan there is no error to correct, so the command is the feed-forward
         let reference = trajectory.at(state.time);

@@ -15,20 +15,15 @@
 //!
 //! Derivatives are differences over a finite distance, since those of curvature jump where spirals meet.
 //!
-//! Limitations: friction is the vehicle's nominal one, v² dκ/ds neglects the change of speed, and accelerations beyond
-//! ±[`MAX_ACCELERATION`] are clamped. Near the grip limit the inversion is ill-conditioned: a small force requires a
-//! large slip, and the brake distribution of anti-lock is unknown here. Without the clamp, steering in emergency
-//! braking was worse; the feedback does better.
+//! Limitations: one friction coefficient; v² dκ/ds neglects the change of speed; the brakes are assumed to keep their
+//! balance, which anti-lock changes near the limit.
 
 use crate::trajectory::Path;
 use crate::vehicle::GRAVITY;
 use crate::vehicle::Vehicle;
 
 /// Largest share of the grip that is inverted: the flatter the curve, the less a force determines slip.
-const LARGEST_SHARE: f64 = 0.7;
-/// Largest acceleration and deceleration whose effect on grip and loads is modelled, m/s²: a quarter of the grip of a
-/// dry road.
-const MAX_ACCELERATION: f64 = 2.5;
+const LARGEST_SHARE: f64 = 0.9;
 /// Half-width in time of first differences, s: half of a typical steering lag, which smooths what remains.
 const SPAN_TIME: f64 = 0.04;
 /// Half-width in time of second differences, s.
@@ -70,20 +65,20 @@ struct Axle {
 }
 
 impl<'a> Inverse<'a> {
-    pub(super) fn new(vehicle: &'a Vehicle, path: &'a Path, drive: Drive) -> Self {
+    /// The model on a road with a friction coefficient.
+    pub(super) fn new(vehicle: &'a Vehicle, friction: f64, path: &'a Path, drive: Drive) -> Self {
         let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
         let (a, tyres, actuators) = (base - b, &vehicle.tyres, &vehicle.actuators);
-        let (acceleration, effort) = (
-            drive.acceleration.clamp(-MAX_ACCELERATION, MAX_ACCELERATION),
-            drive.effort.clamp(-MAX_ACCELERATION, MAX_ACCELERATION),
-        );
+        // the tyres can do no more
+        let most = friction * GRAVITY;
+        let (acceleration, effort) = (drive.acceleration.clamp(-most, most), drive.effort.clamp(-most, most));
         let front_share = if effort > 0.0 { actuators.drive_front_share } else { actuators.brake_front_share };
         // an axle carries the share of the mass given by the other axle's lever over the wheelbase
         let axle = |arm: f64, lever: f64, shift: f64, share: f64, stiffness: f64| {
             let gravity = (GRAVITY + acceleration * vehicle.mass_height * shift).max(0.5 * GRAVITY);
-            let grip = tyres.friction * gravity;
+            let grip = friction * gravity;
             let longitudinal = (effort * share * base / (lever * grip)).abs().min(LARGEST_SHARE);
-            Axle { arm, grip, longitudinal, sliding: 3.0 * tyres.friction / stiffness }
+            Axle { arm, grip, longitudinal, sliding: 3.0 * friction / stiffness }
         };
         let front = axle(b + k2 / b, b, -1.0 / b, front_share, tyres.cornering_front);
         let rear = axle(b - k2 / a, a, 1.0 / a, 1.0 - front_share, tyres.cornering_rear);
@@ -163,7 +158,7 @@ mod tests {
                 // 0.1 m/s² is a hundredth of the grip: the brush curve is linear up to there
                 for (of_path, added) in [(curvature, 0.0), (0.0, curvature)] {
                     let path = circle(of_path);
-                    let model = Inverse::new(&v, &path, coasting(speed));
+                    let model = Inverse::new(&v, v.tyres.friction, &path, coasting(speed));
                     let found = model.steering(50.0, added);
                     assert!((found / expected - 1.0).abs() < 0.01, "{name} {speed} m/s: {found} {expected}");
                     let slip = lateral / (GRAVITY * v.tyres.cornering_rear);
@@ -177,7 +172,7 @@ mod tests {
     fn drive_force_and_braking_increase_the_rear_slip() {
         let v = vehicle::load("bmw_320i").unwrap();
         let path = circle(3.0 / 225.0);
-        let slip = |drive: Drive| Inverse::new(&v, &path, drive).rear_slip(50.0, 0.0);
+        let slip = |drive: Drive| Inverse::new(&v, v.tyres.friction, &path, drive).rear_slip(50.0, 0.0);
         let coasting_slip = slip(coasting(15.0));
         // rear-wheel drive
         assert!(slip(Drive { effort: 2.0, ..coasting(15.0) }) > 1.01 * coasting_slip);
@@ -189,7 +184,7 @@ mod tests {
         let v = vehicle::load("bmw_320i").unwrap();
         let path = circle(0.3);
         for drive in [coasting(30.0), Drive { acceleration: -50.0, effort: -50.0, speed: 30.0 }] {
-            let angle = Inverse::new(&v, &path, drive).steering(50.0, 0.0);
+            let angle = Inverse::new(&v, v.tyres.friction, &path, drive).steering(50.0, 0.0);
             assert!(angle.is_finite() && angle > 0.0, "{angle}");
         }
     }

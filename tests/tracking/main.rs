@@ -2,6 +2,9 @@
 //! bundled maps, and paths at the comfort limit of lateral acceleration. Each test prints its metrics (`--nocapture`);
 //! `docs/physics.md` lists them.
 
+mod steps;
+mod tube;
+
 use std::path::Path as File;
 
 use stopline::drive;

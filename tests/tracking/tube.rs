@@ -1,0 +1,341 @@
+//! The tracking tube: largest errors of the controller on random trajectories inside [`ProofLimits`].
+
+use std::sync::Arc;
+
+use fastrand::Rng;
+use rayon::prelude::*;
+use stopline::geometry::spiral::CubicSpiral;
+use stopline::geometry::{Pose, wrap_angle};
+use stopline::simulation::{Log, Settings, TrackingController, World};
+use stopline::trajectory::{Path, SpeedProfile, Trajectory};
+use stopline::vehicle::{self, CONTROL_SHARE, GRAVITY, GripUse, PathMotion, ProofLimits, TrackingError, Vehicle};
+
+use super::{profile, start};
+
+/// Share of the vehicle's largest curvature that trajectories use.
+const CURVATURE_SHARE: f64 = 0.95;
+/// Interval at which a trajectory is checked against the limits, s.
+const CHECK: f64 = 0.02;
+/// Time for which the vehicle is observed after the planned standstill, s.
+const AFTER: f64 = 2.0;
+
+/// One random trajectory and its largest errors.
+#[derive(Debug, Clone, Copy)]
+struct Measured {
+    seed: u64,
+    /// Whether the trajectory is inside the domain of the tube. A straight stop may not be.
+    is_inside: bool,
+    friction: f64,
+    speed: f64,
+    /// Largest share of the proof's grip that the trajectory uses.
+    used: GripUse,
+    /// Largest lateral acceleration, m/s².
+    lateral_acceleration: f64,
+    /// Largest deceleration, m/s².
+    deceleration: f64,
+    /// Largest share of the steering rate.
+    steering: f64,
+    /// Largest lateral jerk, m/s³.
+    jerk: f64,
+    /// Largest step of the acceleration, m/s².
+    step: f64,
+    /// Largest errors: m, m, rad.
+    lateral: f64,
+    longitudinal: f64,
+    heading: f64,
+}
+
+fn uniform(rng: &mut Rng, from: f64, to: f64) -> f64 {
+    from + (to - from) * rng.f64()
+}
+
+/// Cruise, perhaps faster, then to standstill: with ramps or steps of the acceleration, in one or two phases. `share` is
+/// that of the limits.
+fn random_profile(rng: &mut Rng, v: &Vehicle, limits: &ProofLimits, share: f64) -> SpeedProfile {
+    let grip = share * limits.lateral_beside(0.0);
+    let power = |speed: f64| v.limits.acceleration * (v.limits.switching_speed / speed.max(v.limits.switching_speed));
+    let top = v.tracking.speed[0];
+    let mut speed = uniform(rng, 1.5, top);
+    while speed > 1.5 && v.resistance(speed) > (0.4 * grip).min(0.7 * power(speed)) {
+        speed *= 0.9;
+    }
+    let first = speed;
+    let mut pieces = vec![(uniform(rng, 0.5, 2.5), 0.0, 0.0)];
+    let spare = (0.8 * power(1.2 * speed) - v.resistance(1.2 * speed)).min(0.5 * grip).min(v.comfort.acceleration);
+    if rng.f64() < 0.3 && spare > 0.1 && 1.2 * speed < top {
+        let (a, jerk) = (spare * uniform(rng, 0.3, 1.0), uniform(rng, 1.0, 2.5));
+        let ramp = a / jerk;
+        let hold = (0.2 * speed / a - ramp).clamp(0.0, 2.0);
+        pieces.extend([(ramp, 0.0, jerk), (hold, a, 0.0), (ramp, a, -jerk)]);
+        speed += a * (ramp + hold);
+    }
+    let least = 1.2 * v.resistance(speed).min(0.5 * grip);
+    let d = (limits.deceleration() * share * uniform(rng, 0.2, 1.0)).max(least).min(limits.deceleration() * share);
+    // some first brake softly
+    let soft = if rng.f64() < 0.3 { d * uniform(rng, 0.2, 0.6) } else { 0.0 };
+    let ramped = rng.f64() < 0.5;
+    let jerk = [1.5, 2.5, 5.0, 10.0][rng.usize(0..4)];
+    let mut now = 0.0;
+    for (target, ends) in [(soft, false), (d, true)] {
+        if target == 0.0 {
+            continue;
+        }
+        let left = if ends { 0.0 } else { 0.5 * speed };
+        if ramped {
+            let target = if ends { target.min((now * now + speed * jerk).sqrt()) } else { target };
+            let target = target.max(now);
+            let ramp = (target - now) / jerk;
+            pieces.push((ramp, -now, -jerk));
+            speed -= ramp * 0.5 * (now + target);
+            let release = if ends { target / jerk } else { 0.0 };
+            let hold = ((speed - left - 0.5 * target * release) / target).max(0.0);
+            pieces.push((hold, -target, 0.0));
+            speed -= hold * target;
+            if ends {
+                // exactly to standstill
+                let release = 2.0 * speed / target;
+                pieces.push((release, -target, target / release));
+            }
+            now = target;
+        } else {
+            pieces.push(((speed - left) / target, -target, 0.0));
+            speed = left;
+            now = target;
+        }
+    }
+    profile(first, &pieces)
+}
+
+/// A winding path as sharp as the limits allow along the profile.
+fn random_path(rng: &mut Rng, v: &Vehicle, limits: &ProofLimits, share: f64, profile: &SpeedProfile) -> Path {
+    let grip = share * limits.lateral_beside(0.0);
+    let speed = profile.knots()[0].speed;
+    let length = profile.last().station + 1.0;
+    // the state at a station: profiles are monotonic
+    let at = |station: f64| {
+        let (mut from, mut to) = (0.0, profile.duration());
+        for _ in 0..40 {
+            let middle = 0.5 * (from + to);
+            if profile.at(middle).station < station { from = middle } else { to = middle }
+        }
+        profile.at(from)
+    };
+    let sharpest = |station: f64| {
+        let k = at(station);
+        let room = (grip * grip - k.acceleration * k.acceleration).max(0.0).sqrt();
+        (CURVATURE_SHARE * v.max_curvature()).min(room / (k.speed * k.speed).max(1e-6))
+    };
+    let straight = uniform(rng, 0.2, 0.6) * speed;
+    let mut spirals = vec![CubicSpiral::straight(straight)];
+    let (mut station, mut last) = (straight, 0.0);
+    while station < length {
+        let piece = (at(station).speed * uniform(rng, 0.6, 2.5)).max(3.0 * v.wheelbase);
+        let mut knot = |share: f64| uniform(rng, -1.0, 1.0) * sharpest(station + share * piece);
+        let knots = [last, knot(1.0 / 3.0), knot(2.0 / 3.0), knot(1.0)];
+        spirals.push(CubicSpiral { knots, length: piece });
+        last = knots[3];
+        station += piece;
+    }
+    let from = Pose::new(0.0, 0.0, uniform(rng, -3.0, 3.0));
+    // flattens each spiral that asks for too much, with the joints to its neighbours
+    for _ in 0..60 {
+        let path = Path::new(from, &spirals).unwrap();
+        let bad = Uses::per_spiral(v, limits, &path, profile, spirals.len());
+        if bad.iter().all(|uses| uses.within(share)) {
+            return path;
+        }
+        for i in (0..spirals.len()).filter(|&i| !bad[i].within(share)) {
+            spirals[i].knots = spirals[i].knots.map(|k| 0.85 * k);
+            if i > 0 {
+                spirals[i - 1].knots[3] = spirals[i].knots[0];
+            }
+            if i + 1 < spirals.len() {
+                spirals[i + 1].knots[0] = spirals[i].knots[3];
+            }
+        }
+    }
+    Path::new(from, &[CubicSpiral::straight(length)]).unwrap()
+}
+
+/// What a trajectory uses of the limits.
+#[derive(Debug, Clone, Copy, Default)]
+struct Uses {
+    grip: f64,
+    axle: GripUse,
+    /// Whether it is inside the domain of the tube.
+    outside: bool,
+    lateral: f64,
+    braking: f64,
+    steering: f64,
+    curvature: f64,
+    jerk: f64,
+}
+
+impl Uses {
+    /// For each spiral of a path.
+    fn per_spiral(v: &Vehicle, limits: &ProofLimits, path: &Path, profile: &SpeedProfile, spirals: usize) -> Vec<Self> {
+        let mut all = vec![Self::default(); spirals];
+        let starts: Vec<f64> = path.pieces().map(|(station, ..)| station).collect();
+        let steps = (profile.duration() / CHECK).ceil() as usize;
+        for i in 0..=steps {
+            let k = profile.at(i as f64 * CHECK);
+            let uses = &mut all[starts.partition_point(|s| *s <= k.station).max(1) - 1];
+            let (curvature, rate) = path.curvature_and_rate_at(k.station);
+            let lateral = k.speed * k.speed * curvature.abs();
+            let lk = v.wheelbase * curvature;
+            uses.grip = uses.grip.max(lateral.hypot(k.acceleration) / limits.lateral_beside(0.0));
+            let motion = PathMotion { speed: k.speed, acceleration: k.acceleration, curvature, curvature_rate: rate };
+            let used = motion.grip_use(v, friction(v, limits));
+            uses.axle = uses.axle.max(used);
+            uses.outside |= !v.tracking.contains(k.speed, &used);
+            uses.lateral = uses.lateral.max(lateral);
+            uses.braking = uses.braking.max(-k.acceleration);
+            let steering = v.wheelbase * rate.abs() * k.speed / (1.0 + lk * lk) / v.limits.steering_rate;
+            uses.steering = uses.steering.max(steering);
+            uses.curvature = uses.curvature.max(curvature.abs() / v.max_curvature());
+            uses.jerk = uses.jerk.max(k.speed.powi(3) * rate.abs());
+        }
+        all
+    }
+
+    fn of(v: &Vehicle, limits: &ProofLimits, path: &Path, profile: &SpeedProfile) -> Self {
+        let all = Self::per_spiral(v, limits, path, profile, path.pieces().count());
+        all.into_iter().fold(Self::default(), |a, b| Self {
+            grip: a.grip.max(b.grip),
+            axle: a.axle.max(b.axle),
+            outside: a.outside || b.outside,
+            lateral: a.lateral.max(b.lateral),
+            braking: a.braking.max(b.braking),
+            steering: a.steering.max(b.steering),
+            curvature: a.curvature.max(b.curvature),
+            jerk: a.jerk.max(b.jerk),
+        })
+    }
+
+    fn within(&self, share: f64) -> bool {
+        self.grip <= share + 1e-9
+            && self.axle.total <= share + 1e-9
+            && !self.outside
+            && self.steering <= 1.0
+            && self.curvature <= CURVATURE_SHARE
+    }
+}
+
+/// Friction factor of limits.
+fn friction(v: &Vehicle, limits: &ProofLimits) -> f64 {
+    limits.lateral_beside(0.0) / (CONTROL_SHARE * v.tyres.friction * GRAVITY)
+}
+
+/// Drives the random trajectory of a seed.
+fn measure(v: &Vehicle, seed: u64) -> Measured {
+    let rng = &mut Rng::with_seed(seed);
+    let friction = [1.0, 1.0, 0.6, 0.15][rng.usize(0..4)];
+    let share = uniform(rng, 0.1, 1.0);
+    let limits = ProofLimits::new(v, friction);
+    let profile = random_profile(rng, v, &limits, share);
+    let path = random_path(rng, v, &limits, share, &profile);
+    let uses = Uses::of(v, &limits, &path, &profile);
+    let ends = |k: &[stopline::trajectory::SpeedKnot]| {
+        (k[0].after(k[1].time - k[0].time).acceleration - k[1].acceleration).abs()
+    };
+    let inner = &profile.knots()[..profile.knots().len() - 1];
+    let step = inner.windows(2).map(ends).fold(0.0, f64::max);
+    let speed = profile.knots()[0].speed;
+    let t = Trajectory { start_time: 0.0, path, profile };
+    let settings = Settings { friction_scale: friction, ..Settings::default() };
+    let world = World::new(v, &[], &start(t.at(0.0).pose, speed), &settings).unwrap();
+    let mut world = world.controlled_by(Arc::new(TrackingController::on_road(friction)));
+    let mut log = Log::default();
+    world.follow(&t, t.end_time() + AFTER, &mut log);
+    assert!(log.broke_at.is_none());
+    let largest = |error: &dyn Fn(&stopline::simulation::Sample) -> f64| {
+        log.samples.iter().map(|s| error(s).abs()).fold(0.0, f64::max)
+    };
+    Measured {
+        seed,
+        is_inside: !uses.outside,
+        friction,
+        speed,
+        used: uses.axle,
+        lateral_acceleration: uses.lateral,
+        deceleration: uses.braking,
+        steering: uses.steering,
+        jerk: uses.jerk,
+        step,
+        lateral: largest(&|s| s.reference_pose.to_local(s.pose.position).y),
+        longitudinal: largest(&|s| s.reference_pose.to_local(s.pose.position).x),
+        heading: largest(&|s| wrap_angle(s.pose.yaw - s.reference_pose.yaw)),
+    }
+}
+
+/// The errors in the order of [`shares`].
+const KINDS: [&str; 3] = ["lateral", "longitudinal", "heading"];
+
+/// The errors on the trajectories inside the domain, each over its bound: the largest of each kind.
+fn shares(v: &Vehicle, all: &[Measured]) -> [(f64, Measured); 3] {
+    let shares = |error: fn(&Measured) -> f64, bound: fn(&TrackingError) -> f64| {
+        let shares = all.iter().filter(|m| m.is_inside).map(|m| (error(m) / bound(&v.tracking.at(&m.used)), *m));
+        shares.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
+    };
+    [
+        shares(|m| m.lateral, |b| b.lateral),
+        shares(|m| m.longitudinal, |b| b.longitudinal),
+        shares(|m| m.heading, |b| b.heading),
+    ]
+}
+
+/// Seeds other than those that the bounds were chosen for.
+#[test]
+fn the_tracking_tube_holds_and_is_at_most_twice_too_wide() {
+    for name in vehicle::builtin_names() {
+        let v = vehicle::load(name).unwrap();
+        let all: Vec<Measured> = (10_000..10_200u64).into_par_iter().map(|seed| measure(&v, seed)).collect();
+        let inside = all.iter().filter(|m| m.is_inside).count();
+        assert!(inside > 150, "{name}: {inside} trajectories inside the domain");
+        for (kind, (share, worst)) in KINDS.iter().zip(shares(&v, &all)) {
+            println!("{name} {kind}: {:.0} % of the bound, {worst:?}", 100.0 * share);
+            assert!(share <= 1.0 && share >= 0.5, "{name} {kind}: {:.0} % of the bound, {worst:?}", 100.0 * share);
+        }
+    }
+}
+
+/// Prints the scatter of one vehicle (`STOPLINE_VEHICLE`: a name or a folder) as CSV, or of all built-in ones, for the first
+/// `STOPLINE_SEEDS` seeds, with the largest share of each bound at the end.
+#[test]
+#[ignore = "prints a table"]
+fn scatter() {
+    let named = std::env::var("STOPLINE_VEHICLE").map(|name| vec![name]);
+    let names = named.unwrap_or_else(|_| vehicle::builtin_names().iter().map(|n| (*n).to_owned()).collect());
+    let count: u64 = std::env::var("STOPLINE_SEEDS").map_or(600, |n| n.parse().unwrap());
+    println!(
+        "vehicle,seed,inside,friction,speed,used,turning,lateral_acceleration,deceleration,steering,jerk,step,lateral,\
+         longitudinal,heading"
+    );
+    for name in names {
+        let v = vehicle::load(&name).unwrap();
+        let all: Vec<Measured> = (0..count).into_par_iter().map(|seed| measure(&v, seed)).collect();
+        for m in &all {
+            println!(
+                "{},{},{},{},{:.2},{:.3},{:.3},{:.2},{:.2},{:.2},{:.2},{:.2},{:.4},{:.4},{:.4}",
+                v.name,
+                m.seed,
+                u8::from(m.is_inside),
+                m.friction,
+                m.speed,
+                m.used.total,
+                m.used.turning,
+                m.lateral_acceleration,
+                m.deceleration,
+                m.steering,
+                m.jerk,
+                m.step,
+                m.lateral,
+                m.longitudinal,
+                m.heading
+            );
+        }
+        for (kind, (share, worst)) in KINDS.iter().zip(shares(&v, &all)) {
+            println!("# {name} {kind}: at most {:.0} % of the bound, seed {}", 100.0 * share, worst.seed);
+        }
+    }
+}
