@@ -214,6 +214,8 @@ pub fn cycle(time: f64, committed: Trajectory) -> Cycle {
             deceleration: 1.5,
             is_robust: false,
             smoothing: Smoothing::Comfortable,
+            limited_by: None,
+            stops_for: None,
             expected_contact: None,
         },
         trace: Trace::default(),

@@ -20,6 +20,7 @@ display_by_name! {
     crate::bench::safetlp::Method => label,
     crate::bench::spirals::Method => label,
     crate::drive::Outcome => name,
+    crate::drive::PredictionMode => name,
     crate::planner::Decision => name,
     crate::planner::Level => name,
     crate::planner::NoLane => code,

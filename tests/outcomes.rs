@@ -302,7 +302,8 @@ fn a_start_too_fast_to_stop_reports_the_stopping_distance() {
     assert_eq!((run.outcome, run.reason), (Outcome::NoSafePlan, Some("cannot_stop")));
     // a plan without a proof uses all that tyres and brakes give
     let hardest = ProofLimits::unreserved(&vehicle, 1.0).deceleration();
-    let expected = 20.0 * 20.0 / (2.0 * hardest);
+    // after the lag of the brakes
+    let expected = 20.0 * vehicle.actuators.brake_lag + 20.0 * 20.0 / (2.0 * hardest);
     assert!((run.stopping_distance.unwrap() - expected).abs() < 1e-9, "{:?} m", run.stopping_distance);
 }
 

@@ -131,7 +131,7 @@ fn overtaking_vehicle_yields_until_it_leaves_the_lane() {
     let run = planned(&scenario, &rear(RearTraffic::Yielding));
     assert_eq!(run.outcome, Outcome::Planned);
     let blocked = &run.cycles[0].trace.blocked;
-    assert!(!blocked.is_empty() && blocked.iter().all(|(_, times)| times.0 > 1.5), "{blocked:?}");
+    assert!(!blocked.is_empty() && blocked.iter().all(|cell| cell.times.0 > 1.5), "{blocked:?}");
     let plan = &run.cycles[0].plan.trajectory;
     assert!(
         plan.path.at(plan.profile.last().station).pose.position.x < 79.0,

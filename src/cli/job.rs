@@ -92,6 +92,11 @@ impl Job {
         outputs.check(&inputs)?;
         let mut settings = args.config.as_deref().map_or(Ok(Settings::default()), settings)?;
         change(&mut settings)?;
+        settings.observation.prediction = args.prediction.unwrap_or(settings.observation.prediction);
+        if let Some(sensor) = &args.sensor {
+            let set = settings.observation.sensor.set(sensor);
+            set.map_err(|e| Failure::Use(format!("--sensor {sensor}: {e}")))?;
+        }
         // each flag was in its range, so this cannot fail but for settings that exclude each other
         settings.validate().map_err(|e| Failure::Use(e.to_string()))?;
         let vehicle = vehicle::load(&args.vehicle).map_err(|e| wrong_vehicle(&args.vehicle, &e))?;

@@ -1,7 +1,8 @@
 //! The speed problem of a lattice path: speed limits, blocked intervals, search with SafeTLP.
 
+use super::along::Along;
 use super::goal::GoalOnLane;
-use super::record::Rejection;
+use super::record::{BlockedCell, Cause, Rejection};
 use super::settings::Settings;
 use crate::collision::{Blocker, Predictions};
 use crate::lattice::{CostTerms, LatticePath};
@@ -54,15 +55,34 @@ pub(super) struct Proven {
     /// The problem of the proof, with the actual blocked intervals and hard speed limits. The search used a time gap and a
     /// reserve of lateral acceleration in addition.
     pub(super) problem: SpeedProblem,
-    /// The speed limits with the reserve, m/s.
-    pub(super) target_speed_limits: Vec<f64>,
+    /// The speed limits with the reserve.
+    pub(super) target: TargetLimits,
+    /// The planned stop: station (m) and cause.
+    pub(super) stop: Option<(f64, Cause)>,
     /// The profile of the search; it ends at the first safe standstill before a long wait.
     pub(super) raw_profile: SpeedProfile,
     /// Station of the complete plan after [`TRAVEL_TIME_HORIZON`], m.
     pub(super) progress: f64,
     pub(super) expansions: usize,
-    /// Blocked cells of the path, for records.
-    pub(super) blocked: Vec<((f64, f64), (f64, f64))>,
+    /// Blocked cells of the path.
+    pub(super) blocked: Vec<BlockedCell>,
+}
+
+/// The speed limits that a plan aims at.
+pub(super) struct TargetLimits {
+    /// Stations of the nodes, m, and of the reference line beside them.
+    pub(super) stations: Vec<f64>,
+    pub(super) along: Along,
+    /// Limits at the nodes, m/s.
+    pub(super) speeds: Vec<f64>,
+}
+
+/// The speed problem of a path.
+struct PathProblem {
+    problem: SpeedProblem,
+    along: Along,
+    stop: Option<(f64, Cause)>,
+    blocked: Vec<BlockedCell>,
 }
 
 impl Proven {
@@ -75,35 +95,38 @@ impl Proven {
 /// Result of the speed search of one path.
 pub(super) enum Evaluation {
     Proven(Box<Proven>),
-    Rejected { why: Rejection, expansions: usize },
+    Rejected { why: Rejection, expansions: usize, blocked_by: Option<Cause> },
 }
 
 impl Situation<'_> {
     /// Searches for a speed profile along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
         if self.is_curve_speed_infeasible(path) {
-            return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0 };
+            let blocked_by = Some(Cause::Bend);
+            return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0, blocked_by };
         }
-        let Some((mut problem, blocked)) = self.speed_problem(path) else {
-            return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0 };
+        let Some(PathProblem { mut problem, along, stop, blocked }) = self.speed_problem(path) else {
+            return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by: None };
         };
+        let first = blocked.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
+        let blocked_by = path.blocked_by.map(Cause::from).or(first.map(|cell| Cause::Obstacle(cell.obstacle)));
         let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         let Ok(outcome) = search(&problem, Strategy::SafeTlp, &resolution) else {
-            return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0 };
+            return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by };
         };
         let expansions = outcome.statistics().expansions;
         match outcome {
             // a plan without a proof is not accepted
-            SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions },
+            SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions, blocked_by },
             SpeedOutcome::NoPlan { why, .. } => {
                 let why = match why {
                     NoPlan::CannotStop { .. } => Rejection::CannotStop,
                     NoPlan::BudgetExhausted(_) => Rejection::NoProofInBudget,
                     NoPlan::NoSafeState => Rejection::NoProof,
                 };
-                Evaluation::Rejected { why, expansions }
+                Evaluation::Rejected { why, expansions, blocked_by }
             }
             SpeedOutcome::Proven { mut plan, .. } => {
                 if let Some(brisk) = tail::without_creeping(&problem, &plan) {
@@ -111,8 +134,9 @@ impl Situation<'_> {
                 }
                 let progress = smoothing::raw_profile(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
-                let speed_limits = self.hard_speed_limits(path, &problem.stations);
-                let target_speed_limits = std::mem::replace(&mut problem.speed_limits, speed_limits);
+                let speed_limits = self.hard_limits(path, &along, &problem.stations, self.lateral_limit, 1.0);
+                let speeds = std::mem::replace(&mut problem.speed_limits, speed_limits);
+                let target = TargetLimits { stations: problem.stations.clone(), along, speeds };
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
                 problem.limits.aggressive_deceleration = self.proof_deceleration;
                 match smoothing::raw_profile(&problem, &plan).zip(progress) {
@@ -122,12 +146,13 @@ impl Situation<'_> {
                         #[cfg(not(test))]
                         raw_profile,
                         problem,
-                        target_speed_limits,
+                        target,
+                        stop,
                         progress,
                         expansions,
                         blocked,
                     })),
-                    None => Evaluation::Rejected { why: Rejection::NoProfile, expansions },
+                    None => Evaluation::Rejected { why: Rejection::NoProfile, expansions, blocked_by },
                 }
             }
         }
@@ -154,48 +179,62 @@ impl Situation<'_> {
         })
     }
 
-    /// The last station at which the plan may stop, m, and whether a stop is planned there.
-    fn end_of_path(&self, path: &LatticePath) -> (f64, bool) {
-        let mut end = path.path.length();
-        let mut planned = false;
+    /// The last station of a plan on a path, m, and what it plans to stop for there. The standoff from a blocker is a wish: it is
+    /// given up before the vehicle brakes harder than comfortably for it.
+    fn end_of_path(&self, path: &LatticePath, along: &Along) -> (f64, Option<Cause>) {
+        let (mut end, mut cause) = (path.path.length(), None);
         if let Some(blocker) = path.blocked_by {
             end = path.free_length;
             if blocker != Blocker::RoadBoundary {
-                end -= self.settings.standoff;
-                planned = true;
+                let with_standoff = end - self.settings.standoff;
+                end = with_standoff.max(self.comfortable_stop()).min(end);
+                cause = Some(blocker.into());
             }
         }
-        planned |= self.road_ends_there(end);
-        if let Some(to_goal) = self.distance_to_goal_stop().filter(|distance| *distance < end) {
-            (end, planned) = (to_goal, true);
+        if self.road_ends_there(along.reference_at(end)) {
+            cause = cause.or(Some(Cause::RoadEnd));
         }
-        (end.max(0.0), planned)
+        let to_goal = self.goal_stop().map(|(station, cause)| (along.station_of(station), cause));
+        if let Some((station, why)) =
+            to_goal.filter(|(distance, _)| *distance >= self.hardest_stop() && *distance < end)
+        {
+            (end, cause) = (station, Some(why));
+        }
+        (end.max(0.0), cause)
     }
 
-    /// Distance to a stop in the goal, or to the last station before the goal is missed, m. `None` if there is none or the
-    /// vehicle is too fast to stop there.
-    fn distance_to_goal_stop(&self) -> Option<f64> {
+    /// Stopping distance of planned stops, m.
+    fn comfortable_stop(&self) -> f64 {
+        self.speed * self.speed / (2.0 * self.settings.stopping_share * self.braking)
+    }
+
+    /// Shortest stopping distance of a proof, m.
+    fn hardest_stop(&self) -> f64 {
+        self.speed * self.speed / (2.0 * self.proof_deceleration)
+    }
+
+    /// Station of a stop in the goal, or the last one before the goal is missed, m on the reference line.
+    fn goal_stop(&self) -> Option<(f64, Cause)> {
         let stop = self.goal.filter(GoalOnLane::is_stop).map(|goal| {
-            let comfortable = self.speed * self.speed / (2.0 * self.settings.stopping_share * self.braking);
             // inside the goal, at the earliest comfortable station
-            (self.station + comfortable).max(goal.stop_station()).min(goal.far)
+            (self.station + self.comfortable_stop()).max(goal.stop_station()).min(goal.far)
         });
-        let hardest = self.speed * self.speed / (2.0 * self.proof_deceleration);
-        stop.or(self.goal_missed_at).map(|s| s - self.station).filter(|distance| *distance >= hardest)
+        stop.map(|s| (s, Cause::Goal)).or(self.goal_missed_at.map(|s| (s, Cause::LaneChange)))
     }
 
-    /// Whether the path, `end` metres long, reaches the end of the known road and the remaining run is long enough for it.
+    /// Whether a path that ends at a station of the reference line (m) reaches the end of the known road, and the remaining task
+    /// is long enough for it.
     fn road_ends_there(&self, end: f64) -> bool {
         /// Nodes are on a grid: a path may end this far before the end of the road, m.
         const GRID: f64 = 8.0;
         let goal_passed = self.goal.is_some_and(|g| g.far < self.station);
-        let front = self.station + end + self.vehicle.front_overhang_from_rear_axle();
+        let front = end + self.vehicle.front_overhang_from_rear_axle();
         (self.long_run || goal_passed) && front + GRID >= self.reference.length()
     }
 
-    #[allow(clippy::type_complexity)] // intervals of stations and times, as the record has them
-    fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
-        let (end, planned_stop) = self.end_of_path(path);
+    fn speed_problem(&self, path: &LatticePath) -> Option<PathProblem> {
+        let along = Along::new(&path.path, self.reference, self.station);
+        let (end, stops_for) = self.end_of_path(path, &along);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
         let grid = self.traffic.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
@@ -208,18 +247,15 @@ impl Situation<'_> {
         } else if self.speed > 0.0 {
             return None;
         }
-        let cells = stations.len() - 1;
-        let blocked: Vec<Vec<TimeInterval>> =
-            (0..cells).map(|cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect()).collect();
-        let blocked_at_start =
-            grid.intervals(0).iter().map(|b| (b.from, b.to)).filter(|_| grid.cells() > 0).collect::<Vec<_>>();
-        let speed_limits = self.speed_limits(path, &stations, planned_stop);
-        let stopping_allowed = stations.iter().map(|s| self.may_stop(self.station + s)).collect();
+        let intervals =
+            |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<TimeInterval>>();
+        let blocked: Vec<Vec<TimeInterval>> = (0..stations.len() - 1).map(intervals).collect();
+        let blocked_at_start = if grid.cells() > 0 { intervals(0) } else { Vec::new() };
         let problem = SpeedProblem {
-            speed_limits,
+            speed_limits: self.speed_limits(path, &along, &stations, stops_for.is_some()),
             blocked,
             blocked_at_start,
-            stopping_allowed,
+            stopping_allowed: stations.iter().map(|s| self.may_stop(along.reference_at(*s))).collect(),
             start_speed: self.speed,
             start_time: self.time,
             horizon: self.horizon,
@@ -230,47 +266,67 @@ impl Situation<'_> {
             },
             stations,
         };
-        Some((problem, grid.blocked_cells().collect()))
+        let cells = (0..grid.cells()).flat_map(|cell| {
+            let stations = (grid.stations()[cell], grid.stations()[cell + 1]);
+            grid.intervals(cell).iter().map(move |b| BlockedCell {
+                stations,
+                times: (b.from, b.to),
+                obstacle: b.obstacle,
+            })
+        });
+        Some(PathProblem { problem, along, stop: stops_for.map(|cause| (end, cause)), blocked: cells.collect() })
     }
 
     fn may_stop(&self, reference_station: f64) -> bool {
         !self.no_stopping.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
     }
 
-    /// Speed limits by vehicle and rules, for a lateral acceleration and a fraction of the steering rate, m/s.
-    fn hard_limits(&self, path: &LatticePath, stations: &[f64], lateral: f64, steering_share: f64) -> Vec<f64> {
-        let limits = SpeedLimits {
-            lateral_acceleration: lateral,
+    /// Limits of the speed in curves for a lateral acceleration and a fraction of the steering rate.
+    fn curve_limits(&self, lateral_acceleration: f64, steering_share: f64) -> SpeedLimits {
+        SpeedLimits {
+            lateral_acceleration,
             steering_rate: steering_share * self.vehicle.limits.steering_rate,
             wheelbase: self.vehicle.wheelbase,
             top_speed: self.vehicle.limits.speed,
-        };
-        let rule = |s: f64| self.reference.speed_limit(self.station + s).unwrap_or(f64::INFINITY);
-        stations.iter().map(|s| limits.at(&path.path.at(*s)).min(rule(*s)).min(self.cruise)).collect()
+        }
     }
 
-    /// Speed limits for the proof of a smoothed profile, m/s.
-    fn hard_speed_limits(&self, path: &LatticePath, stations: &[f64]) -> Vec<f64> {
-        self.hard_limits(path, stations, self.lateral_limit, 1.0)
+    fn rule_at(&self, reference_station: f64) -> f64 {
+        self.reference.speed_limit(reference_station).unwrap_or(f64::INFINITY)
+    }
+
+    /// Speed limits by vehicle and rules, for a lateral acceleration and a fraction of the steering rate, m/s.
+    fn hard_limits(
+        &self,
+        path: &LatticePath,
+        along: &Along,
+        stations: &[f64],
+        lateral: f64,
+        steering_share: f64,
+    ) -> Vec<f64> {
+        let curve = self.curve_limits(lateral, steering_share);
+        let limit = |s: &f64| curve.at(&path.path.at(*s)).min(self.rule_at(along.reference_at(*s))).min(self.cruise);
+        stations.iter().map(limit).collect()
+    }
+
+    /// The limit of the goal at a station of the reference line, m/s: its time window before it, its speed inside.
+    fn goal_limit(&self, reference_station: f64) -> f64 {
+        let Some(goal) = &self.goal else { return f64::INFINITY };
+        let in_time = goal.speed_for_window(self.station, self.time).max(MIN_APPROACH_SPEED);
+        let before = if reference_station <= goal.far { in_time } else { f64::INFINITY };
+        let is_inside = (goal.near..=goal.far).contains(&reference_station) && !goal.is_stop();
+        if is_inside { before.min(goal.speed_limit) } else { before }
     }
 
     /// Speed limits at the stations, m/s: the minimum of curvature and steering with a reserve, rules, the time window of the
-    /// goal, and the planned stop.
-    fn speed_limits(&self, path: &LatticePath, stations: &[f64], planned_stop: bool) -> Vec<f64> {
+    /// goal, and the planned stop at the last one.
+    fn speed_limits(&self, path: &LatticePath, along: &Along, stations: &[f64], stops: bool) -> Vec<f64> {
         let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
-        let mut speed_limits = self.hard_limits(path, stations, lateral, STEERING_SHARE);
-        if let Some(goal) = &self.goal {
-            let in_time = goal.speed_for_window(self.station, self.time).max(MIN_APPROACH_SPEED);
-            for (cap, s) in speed_limits.iter_mut().zip(stations) {
-                if self.station + s <= goal.far {
-                    *cap = cap.min(in_time);
-                }
-                if (goal.near..=goal.far).contains(&(self.station + s)) && !goal.is_stop() {
-                    *cap = cap.min(goal.speed_limit);
-                }
-            }
+        let mut speed_limits = self.hard_limits(path, along, stations, lateral, STEERING_SHARE);
+        for (cap, s) in speed_limits.iter_mut().zip(stations) {
+            *cap = cap.min(self.goal_limit(along.reference_at(*s)));
         }
-        if planned_stop {
+        if stops {
             let distance = stations[stations.len() - 1];
             let required = self.speed * self.speed / (2.0 * distance.max(MIN_CELL));
             let comfortable = self.settings.stopping_share * self.braking;
@@ -283,6 +339,24 @@ impl Situation<'_> {
         speed_limits
     }
 
+    /// The limits at a station of the path (m), each with its cause, m/s.
+    pub(super) fn speed_limits_by_cause(
+        &self,
+        path: &LatticePath,
+        limits: &TargetLimits,
+        station: f64,
+    ) -> [(f64, Cause); 4] {
+        let beside = limits.along.reference_at(station);
+        let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
+        let curve = self.curve_limits(lateral, STEERING_SHARE).at(&path.path.at(station));
+        [
+            (self.rule_at(beside), Cause::SpeedLimit),
+            (self.goal_limit(beside), Cause::Goal),
+            (curve, Cause::Bend),
+            (self.cruise, Cause::CruiseSpeed),
+        ]
+    }
+
     /// Progress of unobstructed driving within [`TRAVEL_TIME_HORIZON`], m.
     pub(super) fn free_progress(&self) -> f64 {
         let a = self.vehicle.comfort.acceleration;
@@ -290,7 +364,8 @@ impl Situation<'_> {
         let distance = self.speed * ramp
             + 0.5 * a * ramp * ramp
             + self.cruise.min(self.speed + a * ramp) * (TRAVEL_TIME_HORIZON - ramp);
-        self.distance_to_goal_stop().map_or(distance, |stop| distance.min(stop.max(0.0)))
+        let stop = self.goal_stop().map(|(s, _)| s - self.station).filter(|stop| *stop >= self.hardest_stop());
+        stop.map_or(distance, |stop| distance.min(stop.max(0.0)))
     }
 }
 

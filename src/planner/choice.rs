@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::candidate::{Evaluation, Proven, delay};
 use super::level::LevelLimits;
-use super::record::{Candidate, Rejection};
+use super::record::{Candidate, Cause, Rejection};
 use super::{CycleRecord, Planner, Start};
 use crate::lattice::{LatticePath, rank};
 
@@ -56,12 +56,14 @@ impl Planner<'_> {
                     attempt: record.attempt,
                     cost: path.terms.total(),
                     terms: path.terms,
+                    blocked_by: path.blocked_by.map(Cause::from),
                     rejected: None,
                 };
                 note.rejected = match evaluation {
                     None => Some(Rejection::HigherCost),
-                    Some(Evaluation::Rejected { why, expansions }) => {
+                    Some(Evaluation::Rejected { why, expansions, blocked_by }) => {
                         record.trace.expansions += expansions;
+                        note.blocked_by = blocked_by.or(note.blocked_by);
                         Some(why)
                     }
                     Some(Evaluation::Proven(proven)) => {

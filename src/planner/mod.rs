@@ -21,7 +21,9 @@
 //!
 //! Weak: a cycle without a proven plan tries every level and takes the longest, when time matters most.
 
+mod along;
 mod candidate;
+mod cause;
 mod choice;
 mod goal;
 mod hysteresis;
@@ -40,7 +42,9 @@ mod unproven;
 pub use goal::GoalOnLane;
 pub use level::Level;
 pub use observation::{HIGHEST_FRICTION, Observation, ObservationError};
-pub use record::{Candidate, Cycle, Decision, ExpectedContact, Plan, Rejection, Smoothing, StageSeconds, Trace};
+pub use record::{
+    BlockedCell, Candidate, Cause, Cycle, Decision, ExpectedContact, Plan, Rejection, Smoothing, StageSeconds, Trace,
+};
 pub use settings::{
     EmergencyLimits, ExtrapolatedMotion, Extrapolation, RearTraffic, Settings, Uncertainty, UncertaintyMode,
 };
@@ -114,6 +118,8 @@ struct Committed {
     /// Its cost from the end of the lead on, without `travel_time` and `plan_change`.
     path_cost: f64,
     robust: bool,
+    limited_by: Option<Cause>,
+    stops_for: Option<Cause>,
 }
 
 /// Start of the plans of a cycle.
@@ -223,15 +229,16 @@ impl<'m> Planner<'m> {
                 let (profile, smoothing) = self.smoothed(&start, &choice);
                 trace.stage_seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 trace.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
-                let moved = |((from, to), times)| ((from + start.lead.length(), to + start.lead.length()), times);
-                trace.blocked = choice.proven.blocked.iter().copied().map(moved).collect();
+                trace.blocked = choice.proven.blocked.iter().map(|cell| cell.moved(start.lead.length())).collect();
                 self.committed = Some(self.committed_of(&start, level, choice, profile, smoothing));
                 Decision::NewPlan
             }
             None if start.on_plan => Decision::KeepPrevious,
             None => {
                 let unproven = self.unproven(&start, &mut record);
-                (self.committed, contact) = (Some(unproven.0), unproven.1);
+                contact = unproven.1;
+                let stops_for = contact.map(|c| c.what.into()).or_else(|| record.in_the_way());
+                self.committed = Some(Committed { stops_for, ..unproven.0 });
                 Decision::Unproven
             }
         };
@@ -246,6 +253,8 @@ impl<'m> Planner<'m> {
             deceleration: committed.deceleration,
             is_robust: committed.robust,
             smoothing: committed.smoothing,
+            limited_by: committed.limited_by,
+            stops_for: committed.stops_for,
             expected_contact: contact,
         };
         Ok(Cycle { plan, trace: record.trace })
@@ -417,9 +426,9 @@ impl<'m> Planner<'m> {
 
     /// The jerk-limited profile of the choice if it passes reverification, else the raw profile.
     fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
-        let Proven { problem, target_speed_limits, raw_profile, .. } = &*choice.proven;
+        let Proven { problem, target, raw_profile, .. } = &*choice.proven;
         let acceleration = start.point.acceleration;
-        match self.smoother.smooth_and_prove(problem, target_speed_limits, raw_profile, acceleration) {
+        match self.smoother.smooth_and_prove(problem, &target.speeds, raw_profile, acceleration) {
             Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
             Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
             Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why)),
@@ -435,6 +444,11 @@ impl<'m> Planner<'m> {
         profile: SpeedProfile,
         smoothing: Smoothing,
     ) -> Committed {
+        let stops_for = cause::stops_for(&profile, choice.proven.stop, &choice.proven.blocked);
+        let limited_by = self.lanes.as_ref().ok().and_then(|lanes| {
+            let situation = self.situation(start, lanes.get(choice.lane)?, level);
+            situation.limited_by(&choice.path, &profile, &choice.proven.target, stops_for)
+        });
         let lead = start.lead.path().map(|path| Arc::new(self.known.worlds[level.world].sweep_path(&path)));
         Committed {
             trajectory: start.lead.followed_by(&choice.path.path, &profile),
@@ -448,6 +462,8 @@ impl<'m> Planner<'m> {
             smoothing,
             is_refined: choice.is_refined,
             robust: level.robust,
+            limited_by,
+            stops_for,
         }
     }
 
@@ -553,6 +569,12 @@ struct CycleRecord {
 }
 
 impl CycleRecord {
+    /// What stands in the way of the cheapest candidate of the last attempt.
+    fn in_the_way(&self) -> Option<Cause> {
+        let last = self.trace.candidates.iter().filter(|c| c.attempt == self.attempt);
+        last.min_by(|a, b| a.cost.total_cmp(&b.cost)).and_then(|c| c.blocked_by)
+    }
+
     fn reject(&mut self, candidate: usize, why: Rejection) {
         if let Some(candidate) = self.trace.candidates.get_mut(candidate) {
             candidate.rejected = Some(why);

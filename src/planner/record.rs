@@ -28,6 +28,11 @@ pub struct Plan {
     pub is_robust: bool,
     /// Outcome of smoothing the speed profile.
     pub smoothing: Smoothing,
+    /// What limits the speed within the next seconds; `None` if the vehicle accelerates freely.
+    pub limited_by: Option<Cause>,
+    /// What the plan will stop for, or, without a proof, what stands in the way of one. `None` if its end is only the fallback
+    /// of a plan that goes on.
+    pub stops_for: Option<Cause>,
     /// The first contact to expect on a plan without a proof; `None` if there is none or the plan is proven.
     pub expected_contact: Option<ExpectedContact>,
 }
@@ -39,9 +44,8 @@ pub struct Trace {
     pub reference: Vec<Point>,
     /// The candidate paths, in a deterministic order.
     pub candidates: Vec<Candidate>,
-    /// Blocked station × time cells of the committed path, as (station interval, time interval): m on the committed path,
-    /// s of the run.
-    pub blocked: Vec<((f64, f64), (f64, f64))>,
+    /// Cells of the committed path that moving obstacles block.
+    pub blocked: Vec<BlockedCell>,
     /// Index of the chosen candidate in `candidates`; `None` if the previous plan is kept.
     pub chosen: Option<usize>,
     /// Counts of lattice edges by outcome, over all lanes and attempts.
@@ -61,6 +65,73 @@ pub struct Cycle {
     pub plan: Plan,
     /// How it came about.
     pub trace: Trace,
+}
+
+/// A part of a path that a moving obstacle blocks for some time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlockedCell {
+    /// First and last station on the path, m.
+    pub stations: (f64, f64),
+    /// Start and end, s of the run.
+    pub times: (f64, f64),
+    /// Id of the obstacle.
+    pub obstacle: i64,
+}
+
+impl BlockedCell {
+    /// The cell on a path that begins earlier by some metres.
+    pub(super) fn moved(&self, by: f64) -> Self {
+        Self { stations: (self.stations.0 + by, self.stations.1 + by), ..*self }
+    }
+}
+
+/// What limits a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// An obstacle, by its id.
+    Obstacle(i64),
+    /// A cell of the occupancy grid.
+    OccupiedCell,
+    /// The path leaves the road there.
+    RoadBoundary,
+    /// The known road ends there.
+    RoadEnd,
+    /// The goal, its speed or its time window.
+    Goal,
+    /// The last place for a lane change to the goal.
+    LaneChange,
+    /// A speed limit of the road.
+    SpeedLimit,
+    /// A bend of the path.
+    Bend,
+    /// The cruise speed.
+    CruiseSpeed,
+}
+
+impl From<Blocker> for Cause {
+    fn from(blocker: Blocker) -> Self {
+        match blocker {
+            Blocker::Obstacle(id) => Self::Obstacle(id),
+            Blocker::OccupiedCell => Self::OccupiedCell,
+            Blocker::RoadBoundary => Self::RoadBoundary,
+        }
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Obstacle(id) => return write!(f, "obstacle {id}"),
+            Self::OccupiedCell => "an occupied cell",
+            Self::RoadBoundary => "the road boundary",
+            Self::RoadEnd => "the end of the road",
+            Self::Goal => "the goal",
+            Self::LaneChange => "a lane change to the goal",
+            Self::SpeedLimit => "the speed limit",
+            Self::Bend => "a bend",
+            Self::CruiseSpeed => "the cruise speed",
+        })
+    }
 }
 
 /// Decision of a cycle.
@@ -104,6 +175,8 @@ pub struct Candidate {
     pub cost: f64,
     /// Cost by term.
     pub terms: CostTerms,
+    /// What stands in its way: the first static blocker, else the first moving one; `None` if it is free or was not searched.
+    pub blocked_by: Option<Cause>,
     /// Reason of the rejection; `None` only for the chosen candidate.
     pub rejected: Option<Rejection>,
 }
@@ -197,7 +270,8 @@ impl Cycle {
                 let stop =
                     self.plan.trajectory.profile.last().station - self.plan.trajectory.at(self.plan.time).station;
                 let robust = if self.plan.is_robust { ", robust" } else { "" };
-                format!("new plan:{what} proven stop at {stop:.1} m with at most {deceleration:.1} m/s²{robust}")
+                let why = self.plan.stops_for.map_or_else(String::new, |cause| format!(" for {cause}"));
+                format!("new plan:{what} proven stop at {stop:.1} m{why} with at most {deceleration:.1} m/s²{robust}")
             }
             Decision::KeepPrevious if self.trace.rejections(Rejection::BelowSwitchingThreshold) > 0 => {
                 "keep previous plan: the best candidate is below the switching threshold".to_owned()
@@ -314,6 +388,7 @@ mod tests {
             attempt: 0,
             cost,
             terms: CostTerms::default(),
+            blocked_by: None,
             rejected,
         };
         record.trace.candidates = vec![candidate(Some(Rejection::NoProof), 1.0), candidate(None, 3.214)];

@@ -72,6 +72,8 @@ impl Planner<'_> {
             statics: self.known.statics,
             path_cost: 0.0,
             robust: false,
+            limited_by: None,
+            stops_for: None,
         };
         (committed, best.contact)
     }

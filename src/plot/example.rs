@@ -11,7 +11,7 @@ use crate::map::{
     Lanelet, Motion, Neighbour, Obstacle, ObstacleKind, Part, PlanningProblem, Scenario, Shape, StopLine,
     TimedOccupancy, TimedPose,
 };
-use crate::planner::{Candidate, Cycle, Decision, Plan, Rejection, StageSeconds, Trace};
+use crate::planner::{BlockedCell, Candidate, Cycle, Decision, Plan, Rejection, StageSeconds, Trace};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedProfile, Trajectory};
 use crate::vehicle::{Comfort, Footprint, Vehicle};
@@ -180,6 +180,7 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         attempt: 0,
         cost: if rejected.is_some() { f64::INFINITY } else { (curvature - 0.0185).abs() },
         terms: CostTerms::default(),
+        blocked_by: None,
         rejected,
     });
     let kept = index == 8;
@@ -190,7 +191,11 @@ fn cycle(driven: &Trajectory, time: f64, index: u32) -> Cycle {
         candidates: candidates.collect(),
         blocked: (0..10)
             .map(|k| f64::from(k) * 0.5)
-            .map(|t| ((now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t), (time + t, time + t + 0.5)))
+            .map(|t| BlockedCell {
+                stations: (now.station + 24.0 + 5.0 * t, now.station + 30.0 + 5.0 * t),
+                times: (time + t, time + t + 0.5),
+                obstacle: 1,
+            })
             .collect(),
         chosen: (!kept).then_some(0),
         expansions: 120,

@@ -289,7 +289,11 @@ mod tests {
         let mut run = example.run();
         run.log.samples[5].acceleration = f64::NAN;
         run.cycles[3].plan.time = f64::NAN;
-        run.cycles[4].trace.blocked.push(((f64::NAN, 3.0), (0.0, f64::INFINITY)));
+        run.cycles[4].trace.blocked.push(crate::planner::BlockedCell {
+            stations: (f64::NAN, 3.0),
+            times: (0.0, f64::INFINITY),
+            obstacle: 1,
+        });
         assert!(!recorded(&run).unwrap().is_empty());
     }
 }

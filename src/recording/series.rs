@@ -6,7 +6,7 @@ use super::shapes::{HATCH_RADIUS, hatch};
 use super::style::{Rgb, metres, pixels};
 use super::{Context, RecordingError, TIMELINE};
 use crate::geometry::Point;
-use crate::planner::Cycle;
+use crate::planner::{BlockedCell, Cycle};
 use crate::plot::axes::nice_step;
 use crate::plot::motion::{MotionSample, speed_limit_at};
 use crate::verdict::jerk_limit;
@@ -191,7 +191,7 @@ fn corners(
     extent: &StationTime,
     cycle: &Cycle,
     now: f64,
-    &((near, far), (from, to)): &((f64, f64), (f64, f64)),
+    &BlockedCell { stations: (near, far), times: (from, to), .. }: &BlockedCell,
 ) -> Option<[Point; 4]> {
     let low = extent.clamped(from - cycle.plan.time, near - now);
     let high = extent.clamped(to - cycle.plan.time, far - now);
@@ -244,13 +244,14 @@ mod tests {
         let run = example.run();
         let (extent, cycle) = (StationTime::of(&run.cycles), &run.cycles[0]);
         let now = cycle.plan.trajectory.at(cycle.plan.time).station;
-        let unlimited = ((now + 5.0, f64::INFINITY), (cycle.plan.time + 1.0, f64::INFINITY));
+        let cell_of = |stations, times| BlockedCell { stations, times, obstacle: 1 };
+        let unlimited = cell_of((now + 5.0, f64::INFINITY), (cycle.plan.time + 1.0, f64::INFINITY));
         let cell = corners(&extent, cycle, now, &unlimited).unwrap();
         assert_eq!(cell[0], extent.place(1.0, 5.0));
         assert_eq!(cell[2], extent.place(extent.seconds, extent.metres));
-        let past = ((now + 5.0, now + 9.0), (cycle.plan.time - 2.0, cycle.plan.time - 1.0));
+        let past = cell_of((now + 5.0, now + 9.0), (cycle.plan.time - 2.0, cycle.plan.time - 1.0));
         assert_eq!(corners(&extent, cycle, now, &past), None);
-        let behind = ((now - 9.0, now - 5.0), (cycle.plan.time, cycle.plan.time + 1.0));
+        let behind = cell_of((now - 9.0, now - 5.0), (cycle.plan.time, cycle.plan.time + 1.0));
         assert_eq!(corners(&extent, cycle, now, &behind), None);
     }
 }

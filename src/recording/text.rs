@@ -121,6 +121,13 @@ fn summary(cycle: &Cycle) -> String {
             None => "unproven: no contact expected".into(),
         },
     };
+    if let Some(cause) = cycle.plan.limited_by {
+        let _ = write!(text, "; limited by {cause}");
+    }
+    if let Some(cause) = cycle.plan.stops_for {
+        let what = if cycle.plan.decision == Decision::Unproven { "in the way" } else { "will stop for" };
+        let _ = write!(text, "; {what}: {cause}");
+    }
     if let Some(candidate) = chosen(cycle) {
         let _ = write!(text, "; cost {}", cost_by_terms(candidate));
     }

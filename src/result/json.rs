@@ -106,6 +106,8 @@ pub fn cycle(cycle: &Cycle) -> Value {
         "level": cycle.plan.level.name(),
         "summary": cycle.summary(),
         "deceleration_mps2": deceleration,
+        "limited_by": cycle.plan.limited_by.map(|cause| cause.to_string()),
+        "stops_for": cycle.plan.stops_for.map(|cause| cause.to_string()),
         "expected_contact": cycle.plan.expected_contact.map(|c| json!({ "with": c.what.to_string(), "time_s": c.time, "speed_mps": c.speed })),
         "robust": cycle.plan.is_robust,
         "expansions": cycle.trace.expansions,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args as ArgGroup;
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
-use crate::drive::Faults;
+use crate::drive::{Faults, PredictionMode, Sensor};
 use crate::io::settings_file::nearest;
 use crate::number;
 use crate::simulation;
@@ -89,6 +89,17 @@ pub(in crate::cli) struct InputArgs {
     #[arg(long, value_name = "ID", allow_negative_numbers = true)]
     pub(in crate::cli) problem: Option<i64>,
 
+    /// How the planner predicts obstacles: recorded (as in the scenario, the default), constant-velocity or lane-following
+    #[arg(long, value_name = "MODE", value_parser = prediction, help_heading = "Observation")]
+    pub(in crate::cli) prediction: Option<PredictionMode>,
+
+    /// What of the obstacles is in sight, as NAME=VALUE,…; default: all of them
+    ///
+    /// range=M: largest distance. fov=DEGREES: field of view around the heading. occlusion: obstacles hide each other. delay=S: age
+    /// of what is seen. missed=P: probability that an obstacle is missed in a cycle, with seed=N.
+    #[arg(long, value_name = "NAME=VALUE,…", value_parser = sensor, help_heading = "Observation")]
+    pub(in crate::cli) sensor: Option<String>,
+
     /// Planner threads; default: all cores. The result does not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
     pub(in crate::cli) threads: Option<u16>,
@@ -171,6 +182,22 @@ fn fallback_interval(text: &str) -> Result<FallbackInterval, String> {
 pub(super) fn fault(text: &str) -> Result<String, String> {
     let known = text.split_once('=').map(|(name, _)| name.trim()).unwrap_or(text);
     Faults::default().inject(text).map(|()| text.to_owned()).map_err(|e| suggest(e, known, &Faults::NAMES))
+}
+
+fn prediction(text: &str) -> Result<PredictionMode, String> {
+    let names = PredictionMode::ALL.map(PredictionMode::name);
+    let unknown = || suggest(format!("expected one of {}", names.join(", ")), text, &names);
+    PredictionMode::ALL.into_iter().find(|mode| mode.name() == text).ok_or_else(unknown)
+}
+
+/// Checks the properties of a sensor without setting them.
+fn sensor(text: &str) -> Result<String, String> {
+    let mut sensor = Sensor::default();
+    for property in text.split(',') {
+        let name = property.split_once('=').map_or(property, |(name, _)| name).trim();
+        sensor.set(property).map_err(|e| suggest(e, name, &Sensor::NAMES))?;
+    }
+    Ok(text.to_owned())
 }
 
 fn comfort(text: &str) -> Result<ComfortPreset, String> {
