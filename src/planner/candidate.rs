@@ -3,7 +3,7 @@
 use super::goal::GoalOnLane;
 use super::record::Rejection;
 use super::settings::Settings;
-use crate::collision::{Blocker, Predictions};
+use crate::collision::{Blocker, Margins, Predictions};
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_speed_limits, make_reachable};
@@ -20,6 +20,8 @@ pub(super) struct Situation<'a> {
     pub(super) settings: &'a Settings,
     /// Predictions of the moving obstacles that constrain proofs.
     pub(super) traffic: &'a Predictions,
+    /// Margins to them, m.
+    pub(super) margins: Margins,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
     pub(super) goal_missed_at: Option<f64>,
@@ -197,7 +199,7 @@ impl Situation<'_> {
     fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
         let (end, planned_stop) = self.end_of_path(path);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.traffic.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
+        let grid = self.traffic.blocked(&sweeps, &self.margins, self.time, self.horizon.max(self.time + 1.0));
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
             // no free cell: only a stopped vehicle has a plan here

@@ -48,7 +48,7 @@ use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
-use crate::collision::{Allowance, Blocker, CollisionWorld};
+use crate::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, SafetyMargins};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
 use crate::map::{PlanningProblem, Scenario};
@@ -73,8 +73,8 @@ pub struct Planner<'a> {
     settings: &'a Settings,
     lattice: Lattice,
     smoother: Smoother,
-    /// The collision worlds: with margins, without margins, without margins at a fine resolution.
-    worlds: [CollisionWorld; 3],
+    /// The collision world, also at a fine resolution.
+    worlds: [CollisionWorld; 2],
     lanes: Result<Vec<Lane>, NoLane>,
     traffic: Traffic,
     committed: Option<Committed>,
@@ -144,18 +144,10 @@ impl<'a> Planner<'a> {
         let smoother = Smoother::new(smoothing::Settings { jerk: settings.jerk, ..smoothing::Settings::default() })?;
         let prediction_end = scenario.obstacles.iter().map(|o| o.lifetime().1).filter(|t| t.is_finite());
         let horizon = prediction_end.fold(0.0, f64::max).min(end_time + PREDICTION_BEYOND_END);
-        let bare = crate::collision::CollisionSettings {
-            static_obstacles: BARE_MARGIN,
-            moving_obstacles: BARE_MARGIN,
-            road: 0.0,
-            ..settings.collision
-        };
-        let fine = crate::collision::CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..bare };
-        let worlds = [
-            CollisionWorld::new(scenario, vehicle, &settings.collision, horizon)?,
-            CollisionWorld::new(scenario, vehicle, &bare, horizon)?,
-            CollisionWorld::new(scenario, vehicle, &fine, horizon)?,
-        ];
+        let (network, grid) = (&scenario.network, scenario.occupancy.as_ref());
+        let world = |settings: &_| CollisionWorld::new(network, grid, &scenario.obstacles, vehicle, settings, horizon);
+        let fine = CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..settings.collision };
+        let worlds = [world(&settings.collision)?, world(&fine)?];
         let limits = ProofLimits::new(vehicle, DRY);
         let unreserved = ProofLimits::unreserved(vehicle, DRY);
         let vehicle = limits.applied_to(vehicle);
@@ -329,12 +321,12 @@ impl<'a> Planner<'a> {
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
         let world = &self.worlds[level.world];
-        let roots = self.roots(start, world);
+        let roots = self.roots(start, world, &level.margins);
         let full_speed_curvature = self.full_speed_curvature(start, level);
         let weights = self.settings.lattice.weights;
         let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let context = context(&self.vehicle, &lane.reference, world, full_speed_curvature);
+        let context = context(&self.vehicle, &lane.reference, (world, level.margins), full_speed_curvature);
         // the cost of postponing a lane change that the goal requires rises as time and distance run out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -364,9 +356,9 @@ impl<'a> Planner<'a> {
         planned_lateral(self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
-    fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
+    fn roots(&self, start: &Start, world: &CollisionWorld, margins: &SafetyMargins) -> Vec<Root> {
         let p = &start.point;
-        let allowance = allowance_at(world, p);
+        let allowance = allowance_at(world, margins, p);
         let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
         let kept = committed_plan(self.committed.as_ref(), start).and_then(|plan| plan.kept());
         let kept =
@@ -379,6 +371,7 @@ impl<'a> Planner<'a> {
             vehicle: &self.vehicle,
             settings: self.settings,
             traffic: self.predictions_for(&level),
+            margins: level.margins.moving_obstacles,
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -448,8 +441,6 @@ impl<'a> Planner<'a> {
 const HIGHEST_FRICTION: f64 = 10.0;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
-/// Remaining margin of the collision world without margins, m: the smallest tracking error.
-const BARE_MARGIN: crate::collision::Margins = crate::collision::Margins { lateral: 0.01, longitudinal: 0.01 };
 /// Station cells of the world at a fine resolution, m.
 const FINE_SPACING: f64 = 0.1;
 /// Time slices of the world at a fine resolution, s.
@@ -474,13 +465,13 @@ const STANDSTILL_SPEED: f64 = 0.02;
 const ON_LANE: f64 = 0.8;
 
 /// The allowance of collision checks for a vehicle that stands inside a margin or partly off the road.
-fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
+fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryPoint) -> Allowance {
     /// Distance within which the vehicle must leave a margin, m.
     const LEAVE_MARGIN: f64 = 6.0;
     /// Distance within which the vehicle must return to the road, m.
     const RETURN_TO_ROAD: f64 = 15.0;
     let here = world.sweep(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
-    if world.static_hit(&here).is_none() {
+    if world.static_hit(&here, margins).is_none() {
         return Allowance::NONE;
     }
     let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);
@@ -494,11 +485,11 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
 fn context<'a>(
     vehicle: &Vehicle,
     reference: &'a ReferenceLine,
-    world: &'a CollisionWorld,
+    (world, margins): (&'a CollisionWorld, SafetyMargins),
     full_speed_curvature: f64,
 ) -> LatticeContext<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
-    LatticeContext { reference, world, max_curvature, full_speed_curvature, half_width }
+    LatticeContext { reference, world, margins, max_curvature, full_speed_curvature, half_width }
 }
 
 /// The choice on a level with its final speed profile, as the committed plan.

@@ -29,7 +29,7 @@
 
 use std::sync::OnceLock;
 
-use super::level::LevelLimits;
+use super::level::{Level, LevelLimits};
 use super::settings::{RearTraffic, UncertaintyMode};
 use super::{Planner, Start};
 use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
@@ -47,9 +47,9 @@ pub(super) struct Traffic {
     /// Yielding obstacles with the time until which they yield (s), in the order of the scenario.
     yielding: Vec<(i64, f64)>,
     /// For each collision world: the predictions without yielding obstacles. Valid while `yielding` does not change.
-    binding: [OnceLock<Predictions>; 3],
+    binding: [OnceLock<Predictions>; 2],
     /// For each collision world: the reachable sets of this cycle.
-    reachable: [OnceLock<Predictions>; 3],
+    reachable: [OnceLock<Predictions>; 2],
 }
 
 /// Length of the ego path behind the vehicle, m. Obstacles farther behind constrain proofs.
@@ -99,7 +99,7 @@ impl Planner<'_> {
         match self.settings.uncertainty.mode {
             UncertaintyMode::Off => levels,
             UncertaintyMode::Preferred => {
-                let with_margins = levels.iter().filter(|r| r.world == 0).map(robust);
+                let with_margins = levels.iter().filter(|r| r.level < Level::NoMargin).map(robust);
                 with_margins.chain(levels.iter().copied()).collect()
             }
             UncertaintyMode::Required => levels.iter().map(robust).collect(),
@@ -124,7 +124,7 @@ impl Traffic {
 
     fn predictions_for<'t>(
         &'t self,
-        worlds: &'t [CollisionWorld; 3],
+        worlds: &'t [CollisionWorld; 2],
         level: &LevelLimits,
         bounds: &MotionBounds,
     ) -> &'t Predictions {
