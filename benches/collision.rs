@@ -8,8 +8,8 @@
 mod edge_rate;
 
 use divan::{Bencher, black_box};
-use stopline::collision::{CollisionSettings, CollisionWorld};
-use stopline::fixtures::{driving, lanelet, network, parked, scenario, vehicle};
+use stopline::collision::{Allowance, CollisionSettings, CollisionWorld, SafetyMargins};
+use stopline::fixtures::{collision_world, driving, lanelet, network, parked, scenario, vehicle};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
@@ -59,7 +59,11 @@ fn world(moving: usize) -> CollisionWorld {
         driving(100 + i, from, speed, 7.9)
     });
     let scenario = scenario(network(road()), parked.chain(driven).collect());
-    CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 10.0).unwrap()
+    collision_world(&scenario, &vehicle(), &CollisionSettings::default(), 10.0)
+}
+
+fn margins() -> SafetyMargins {
+    CollisionSettings::default().margins()
 }
 
 fn edge(length: f64) -> CubicSpiral {
@@ -76,17 +80,17 @@ fn sweep_50_m(bencher: Bencher) {
 #[divan::bench]
 fn static_hit_50_m(bencher: Bencher) {
     let world = world(0);
-    let sweep = world.sweep(&start(), &edge(50.0));
-    assert_eq!(world.static_hit(&sweep), None);
-    bencher.bench_local(|| world.static_hit(black_box(&sweep)));
+    let hit = || world.probe(black_box(&start()), &edge(50.0)).static_hit(&margins(), &Allowance::NONE);
+    assert_eq!(hit(), None);
+    bencher.bench_local(hit);
 }
 
 #[divan::bench]
 fn clearance_50_m(bencher: Bencher) {
     let world = world(0);
-    let sweep = world.sweep(&start(), &edge(50.0));
-    assert!(world.clearance(&sweep, 2.0).road > 0.0);
-    bencher.bench_local(|| world.clearance(black_box(&sweep), 2.0));
+    let clearance = || world.probe(black_box(&start()), &edge(50.0)).clearance(2.0);
+    assert!(clearance().road > 0.0);
+    bencher.bench_local(clearance);
 }
 
 /// All cars are on the ego lane and the adjacent lane: far more contacts than in traffic.
@@ -94,16 +98,16 @@ fn clearance_50_m(bencher: Bencher) {
 fn blocked_100_m_6_s(bencher: Bencher, moving: usize) {
     let world = world(moving);
     let (a, b) = (world.sweep(&start(), &edge(50.0)), world.sweep(&start().advanced(50.0), &edge(50.0)));
-    let grid = world.blocked(&[&a, &b], 0.0, 6.0);
+    let grid = world.blocked(&[&a, &b], &margins(), 0.0, 6.0);
     assert!(grid.cells() == 200 && !grid.is_free());
-    bencher.bench_local(|| world.blocked(black_box(&[&a, &b]), 0.0, 6.0));
+    bencher.bench_local(|| world.blocked(black_box(&[&a, &b]), &margins(), 0.0, 6.0));
 }
 
 #[divan::bench]
 fn is_blocked(bencher: Bencher) {
     let world = world(30);
     let sweep = world.sweep(&start(), &edge(50.0));
-    let grid = world.blocked(&[&sweep], 0.0, 6.0);
+    let grid = world.blocked(&[&sweep], &margins(), 0.0, 6.0);
     let mut i = 0;
     bencher.bench_local(|| {
         i = (i + 7) % 100;

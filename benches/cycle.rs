@@ -5,7 +5,7 @@
 //! plan exactly. `RAYON_NUM_THREADS` sets the number of threads; the default is one.
 
 use divan::{Bencher, black_box};
-use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
+use stopline::collision::{Allowance, CollisionSettings, CollisionWorld, SafetyMargins};
 use stopline::fixtures::{self, lanelet};
 use stopline::geometry::Pose;
 use stopline::geometry::polyline::Polyline;
@@ -103,6 +103,11 @@ fn initial(vehicle: &Vehicle) -> State {
     State { time: 0.0, pose, speed: SPEED, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
+/// The default margins.
+fn margins() -> SafetyMargins {
+    CollisionSettings::default().margins()
+}
+
 /// Input of the stages.
 struct Stages {
     scenario: Scenario,
@@ -117,7 +122,7 @@ impl Stages {
     fn new() -> Self {
         let (scenario, vehicle, settings) = (scenario(), vehicle(), Settings::default());
         assert_eq!(scenario.obstacles.iter().filter(|o| !o.is_static()).count(), 30);
-        let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 15.0).unwrap();
+        let world = fixtures::collision_world(&scenario, &vehicle, &CollisionSettings::default(), 15.0);
         let reference = ReferenceLine::new(&scenario.network, &[OWN], vehicle.width, &ReferenceSettings::default());
         let lattice = Lattice::new(settings.lattice.clone()).unwrap();
         Self { world, reference: reference.unwrap(), scenario, vehicle, settings, lattice }
@@ -127,6 +132,7 @@ impl Stages {
         LatticeContext {
             reference: &self.reference,
             world: &self.world,
+            margins: margins(),
             max_curvature: self.vehicle.max_curvature(),
             full_speed_curvature: self.vehicle.comfort.lateral_acceleration / (SPEED * SPEED),
             half_width: 0.5 * self.vehicle.width,
@@ -146,7 +152,7 @@ impl Stages {
     fn speed_problem(&self) -> SpeedProblem {
         let best = self.paths(&mut EdgeStore::default()).remove(0);
         let sweeps: Vec<_> = best.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.world.blocked(&sweeps, 0.0, 15.0);
+        let grid = self.world.blocked(&sweeps, &margins(), 0.0, 15.0);
         assert!(!grid.is_free(), "the path is free of obstacles");
         let intervals = |cell| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
         SpeedProblem {
@@ -222,7 +228,7 @@ fn blocked_grid(bencher: Bencher) {
     let best = stages.paths(&mut EdgeStore::default()).remove(0);
     bencher
         .with_inputs(|| stages.world.sweep_path(&best.path))
-        .bench_local_refs(|sweep| stages.world.blocked(black_box(&[sweep]), 0.0, 15.0));
+        .bench_local_refs(|sweep| stages.world.blocked(black_box(&[sweep]), &margins(), 0.0, 15.0));
 }
 
 /// The blocked grid of one candidate from the cache of its sweeps.
@@ -231,7 +237,7 @@ fn blocked_grid_kept(bencher: Bencher) {
     let stages = Stages::new();
     let best = stages.paths(&mut EdgeStore::default()).remove(0);
     let sweeps: Vec<_> = best.sweeps.iter().map(AsRef::as_ref).collect();
-    bencher.bench_local(|| stages.world.blocked(black_box(&sweeps), 0.0, 15.0));
+    bencher.bench_local(|| stages.world.blocked(black_box(&sweeps), &margins(), 0.0, 15.0));
 }
 
 /// The speed search of one candidate.

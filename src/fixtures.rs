@@ -18,6 +18,7 @@
 //! changes. Invalid arguments (a line of one point) panic: these functions are not readers. They build values and never
 //! plan, so that verdict and planner can be tested on the same worlds and still share no code.
 
+use crate::collision::{CollisionSettings, CollisionWorld};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::CubicSpiral;
 use crate::geometry::{Point, Pose};
@@ -200,6 +201,21 @@ pub fn straight(start: Pose, length: f64) -> Path {
 #[must_use]
 pub fn knot(time: f64, station: f64, speed: f64, acceleration: f64) -> SpeedKnot {
     SpeedKnot { time, station, speed, acceleration, jerk: 0.0 }
+}
+
+/// The collision world of a scenario with predictions up to a horizon (s).
+///
+/// # Panics
+/// If a setting is out of its range.
+#[must_use]
+pub fn collision_world(
+    scenario: &Scenario,
+    vehicle: &Vehicle,
+    settings: &CollisionSettings,
+    horizon: f64,
+) -> CollisionWorld {
+    let Scenario { network, occupancy, obstacles, .. } = scenario;
+    CollisionWorld::new(network, occupancy.as_ref(), obstacles, vehicle, settings, horizon).expect("valid settings")
 }
 
 /// The record of a planning cycle that committed a newly proven plan; all other fields are empty.

@@ -5,7 +5,7 @@ mod common;
 
 use common::{bundled, failures, standing};
 use proptest::prelude::*;
-use stopline::collision::{Blocker, CollisionSettings, CollisionWorld, Margins};
+use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins, SafetyMargins, StaticHit};
 use stopline::drive::{self, Outcome, Run};
 use stopline::fixtures::{self, circle, knot, lanelet, line, network, obstacle, straight_lanelet};
 use stopline::geometry::polyline::Polyline;
@@ -88,7 +88,12 @@ fn no_margins() -> CollisionSettings {
 }
 
 fn world(scenario: &Scenario, vehicle: &Vehicle, settings: &CollisionSettings) -> CollisionWorld {
-    CollisionWorld::new(scenario, vehicle, settings, 10.0).unwrap()
+    fixtures::collision_world(scenario, vehicle, settings, 10.0)
+}
+
+/// The static hit with the margins of the settings.
+fn hit(world: &CollisionWorld, settings: &CollisionSettings, start: &Pose, spiral: &CubicSpiral) -> Option<StaticHit> {
+    world.probe(start, spiral).static_hit(&settings.margins(), &Allowance::NONE)
 }
 
 /// The parts of the vehicle in world coordinates.
@@ -156,7 +161,7 @@ proptest! {
         let place = Pose { position: near.position + near.left() * aside, yaw: near.yaw + turn };
         let pieces: Vec<_> = shape.convex_parts().iter().map(|p| p.at(&place)).collect();
         let world = world(&on_asphalt(vec![obstacle(9, shape, Motion::Static(place))]), &v, &no_margins());
-        let hit = world.static_hit(&world.sweep(&start, &spiral));
+        let hit = hit(&world, &no_margins(), &start, &spiral);
         let truth = dense(&start, &spiral, 0.01).into_iter().find(|(_, pose)| overlaps(&v, pose, &pieces, 1e-9));
         if let Some((s, pose)) = truth {
             let Some(hit) = hit else { panic!("missed the overlap at {s} {pose:?}") };
@@ -234,7 +239,7 @@ proptest! {
         });
         let moving = obstacle(5, shape, Motion::Trajectory(states.collect()));
         let world = world(&on_asphalt(vec![moving.clone()]), &v, &no_margins());
-        let grid = world.blocked(&[&world.sweep(&start, &spiral)], 0.0, 20.0);
+        let grid = world.blocked(&[&world.sweep(&start, &spiral)], &SafetyMargins::NONE, 0.0, 20.0);
         for i in 0..(duration.min(world.predictions().horizon()) / 0.01) as usize {
             let time = i as f64 * 0.01;
             let s = speed * time;
@@ -267,7 +272,7 @@ proptest! {
             outside(&outline, *p) && Polyline::new(outline.iter().copied()).unwrap().project(*p).offset.abs() > 0.02
         }));
         let certain = dense(&start, &driven, 0.05).into_iter().find(|(_, pose)| clearly(pose));
-        let hit = world.static_hit(&world.sweep(&start, &driven));
+        let hit = hit(&world, &no_margins(), &start, &driven);
         if let Some((s, pose)) = certain {
             let Some(hit) = hit else { panic!("missed the boundary at {s} {pose:?}") };
             prop_assert!(hit.station <= s, "hit at {}, boundary at {s}", hit.station);
@@ -289,8 +294,9 @@ proptest! {
             let bound = |l: f64| line(&[(-200.0, flip * l), (200.0, flip * l)].map(|(x, y)| (x + shift.x, y + shift.y)));
             let road = vec![if flip > 0.0 { lanelet(1, bound(-7.0), bound(9.0)) } else { lanelet(1, bound(9.0), bound(-7.0)) }];
             let world = world(&scenario(road, vec![parked]), &v, &CollisionSettings::default());
-            let sweep = world.sweep(&put(Pose::new(0.0, 0.0, 0.1)), &CubicSpiral { knots: spiral.knots.map(|k| flip * k), ..spiral });
-            (world.static_hit(&sweep).map(|h| (h.cell, h.what)), world.clearance(&sweep, 2.0))
+            let (start, spiral) = (put(Pose::new(0.0, 0.0, 0.1)), CubicSpiral { knots: spiral.knots.map(|k| flip * k), ..spiral });
+            let hit = hit(&world, &CollisionSettings::default(), &start, &spiral);
+            (hit.map(|h| (h.cell, h.what)), world.probe(&start, &spiral).clearance(2.0))
         };
         let plain = results(1.0, Vector::zeros());
         for other in [results(-1.0, Vector::zeros()), results(1.0, Vector::new(1e6, -3e6)), results(-1.0, Vector::new(-1e6, 4e6))] {
@@ -324,13 +330,12 @@ fn the_space_between_two_parts_is_free() {
     // a post 0.2 m wide in a gap of 1 m, of which the margins of 0.2 m leave 0.6 m
     for (y, hit) in [(0.0, false), (0.19, false), (0.21, true), (-0.21, true), (0.75, true), (1.31, false)] {
         let world = world(&on_asphalt(vec![post(15.0, y)]), &v, &CollisionSettings::default());
-        let found = world.static_hit(&world.sweep(&start, &straight(30.0)));
+        let found = self::hit(&world, &CollisionSettings::default(), &start, &straight(30.0));
         assert_eq!(found.is_some(), hit, "a post at {y}: {found:?}");
         assert!(found.is_none_or(|h| h.station <= 11.1 && h.station > 10.0), "{found:?}");
     }
     let world = world(&on_asphalt(vec![post(15.0, 0.1)]), &v, &CollisionSettings::default());
-    let sweep = world.sweep(&start, &straight(30.0));
-    assert!((world.clearance(&sweep, 2.0).obstacle - 0.3).abs() < 1e-9);
+    assert!((world.probe(&start, &straight(30.0)).clearance(2.0).obstacle - 0.3).abs() < 1e-9);
     assert!(world.start_overlap(&Pose::new(14.0, 0.0, 0.0), 0.0).is_none(), "the post is between the parts");
     let beside = world.start_overlap(&Pose::new(14.0, 0.55, 0.0), 0.0).unwrap();
     assert!(
@@ -345,7 +350,10 @@ fn a_moving_post_blocks_only_where_a_part_meets_it() {
         let states = (0..50).map(|i| TimedPose { time: 0.1 * f64::from(i), pose: Pose::new(15.0, y, 0.0), speed: 0.0 });
         let standing = obstacle(3, Shape::rectangle(0.2, 0.2), Motion::Trajectory(states.collect()));
         let world = world(&on_asphalt(vec![standing]), &prongs(), &CollisionSettings::default());
-        let grid = world.blocked(&[&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(30.0))], 0.0, 5.0);
+        let grid = {
+            let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(30.0));
+            world.blocked(&[&sweep], &CollisionSettings::default().margins(), 0.0, 5.0)
+        };
         assert_eq!(grid.is_free(), free, "a post at {y}");
     }
 }
@@ -356,7 +364,7 @@ fn a_part_beside_the_road_is_off_the_road_without_crossing_its_edge() {
     let drive = |between: &[(f64, f64)]| {
         let world = world(&scenario(roads(between), vec![]), &prongs(), &no_margins());
         (
-            world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(20.0))),
+            hit(&world, &no_margins(), &Pose::new(0.0, 0.0, 0.0), &straight(20.0)),
             world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0),
         )
     };
@@ -376,7 +384,7 @@ fn an_obstacle_beside_the_cab_of_the_truck_blocks_its_box() {
     let world = world(&on_asphalt(vec![post(12.0, 1.3)]), &truck, &no_margins());
     let start = Pose::new(5.5, 0.0, 0.0);
     assert!(world.start_overlap(&start, 0.0).is_none(), "the post is beside the cab");
-    let hit = world.static_hit(&world.sweep(&start, &straight(20.0))).unwrap();
+    let hit = hit(&world, &no_margins(), &start, &straight(20.0)).unwrap();
     let truth = 12.0 - 0.1 - 5.17 - 5.5;
     assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?} against {truth}");
 }

@@ -3,7 +3,7 @@
 mod common;
 
 use common::VEHICLE;
-use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld};
+use stopline::collision::{Allowance, Blocker, CollisionSettings};
 use stopline::fixtures;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
@@ -41,11 +41,18 @@ fn searched_with(
 ) -> SearchResult {
     let scenario = fixtures::scenario(fixtures::network(lanelets), obstacles.to_vec());
     let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
-    let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0).unwrap();
+    let world = fixtures::collision_world(&scenario, &VEHICLE, &CollisionSettings::default(), 5.0);
     let (max_curvature, half_width) = (VEHICLE.max_curvature(), 0.5 * VEHICLE.width);
     let full_speed_curvature = planned_lateral() / (driven * driven);
-    let context =
-        LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width };
+    let margins = CollisionSettings::default().margins();
+    let context = LatticeContext {
+        reference: &reference,
+        world: &world,
+        margins,
+        max_curvature,
+        full_speed_curvature,
+        half_width,
+    };
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
     Lattice::new(Settings::default()).unwrap().search(&context, &root, speed, horizon, &mut EdgeStore::default())
 }

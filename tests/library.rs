@@ -3,7 +3,7 @@
 mod common;
 
 use common::{VEHICLE, bundled};
-use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
+use stopline::collision::{Allowance, CollisionSettings};
 use stopline::fixtures::straight_lanelet;
 use stopline::lattice::{self, EdgeStore, Lattice, LatticeContext, Root};
 use stopline::planner::{self, Planner};
@@ -71,10 +71,11 @@ fn network() -> stopline::map::RoadNetwork {
 fn a_lattice_refuses_wrong_settings() {
     let scenario = stopline::fixtures::scenario(network(), vec![]);
     let reference = ReferenceLine::new(&scenario.network, &[1], VEHICLE.width, &ReferenceSettings::default()).unwrap();
-    let world = CollisionWorld::new(&scenario, &VEHICLE, &CollisionSettings::default(), 0.0).unwrap();
+    let world = stopline::fixtures::collision_world(&scenario, &VEHICLE, &CollisionSettings::default(), 0.0);
     let context = LatticeContext {
         reference: &reference,
         world: &world,
+        margins: CollisionSettings::default().margins(),
         max_curvature: VEHICLE.max_curvature(),
         full_speed_curvature: f64::INFINITY,
         half_width: 0.5 * VEHICLE.width,

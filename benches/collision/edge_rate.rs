@@ -8,8 +8,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use stopline::collision::{Allowance, CollisionSettings, CollisionWorld};
-use stopline::fixtures::{lanelet, network, parked, scenario, vehicle};
+use stopline::collision::{Allowance, CollisionSettings, CollisionWorld, SafetyMargins};
+use stopline::fixtures::{collision_world, lanelet, network, parked, scenario, vehicle};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::{CubicSpiral, connect};
 use stopline::geometry::{Pose, wrap_angle};
@@ -66,7 +66,11 @@ fn world() -> CollisionWorld {
     let bound = |l: f64| Polyline::new((0..=125).map(|i| node(2.0 * f64::from(i), l).0.position)).unwrap();
     let lanes = [lanelet(1, bound(-1.75), bound(1.75)), lanelet(2, bound(1.75), bound(5.25))];
     let scenario = scenario(network(lanes), obstacles.collect());
-    CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 1.0).unwrap()
+    collision_world(&scenario, &vehicle(), &CollisionSettings::default(), 1.0)
+}
+
+fn margins() -> SafetyMargins {
+    CollisionSettings::default().margins()
 }
 
 /// A boundary-value problem: start pose, start curvature, end pose in the start frame, end curvature.
@@ -114,8 +118,8 @@ pub(crate) fn print() {
     for (start, spiral) in &spirals {
         let sweep = world.sweep(start, spiral);
         let mut probe = world.probe(start, spiral);
-        let hit = world.static_hit(&sweep);
-        assert_eq!(probe.static_hit(&Allowance::NONE), hit);
+        let hit = world.static_hit(&sweep, &margins());
+        assert_eq!(probe.static_hit(&margins(), &Allowance::NONE), hit);
         assert_eq!(probe.clearance(DESIRED_CLEARANCE), world.clearance(&sweep, DESIRED_CLEARANCE));
         free += usize::from(hit.is_none());
     }
@@ -132,18 +136,18 @@ pub(crate) fn print() {
     let each = |work: &dyn Fn(&Pose, &CubicSpiral)| rate(&spirals, |(start, s)| work(start, s));
     let both = |work: &dyn Fn(&Pose, &CubicSpiral)| rate(&problems, |p| solve(p).iter().for_each(|s| work(&p.0, s)));
     let flat = |start: &Pose, spiral: &CubicSpiral| {
-        black_box(world.static_hit(&world.sweep(start, spiral)));
+        black_box(world.static_hit(&world.sweep(start, spiral), &margins()));
     };
     let coarse = |start: &Pose, spiral: &CubicSpiral| {
-        black_box(world.probe(start, spiral).static_hit(&Allowance::NONE));
+        black_box(world.probe(start, spiral).static_hit(&margins(), &Allowance::NONE));
     };
     let flat_cost = |start: &Pose, spiral: &CubicSpiral| {
         let sweep = world.sweep(start, spiral);
-        black_box((world.static_hit(&sweep), world.clearance(&sweep, DESIRED_CLEARANCE)));
+        black_box((world.static_hit(&sweep, &margins()), world.clearance(&sweep, DESIRED_CLEARANCE)));
     };
     let coarse_cost = |start: &Pose, spiral: &CubicSpiral| {
         let mut probe = world.probe(start, spiral);
-        black_box((probe.static_hit(&Allowance::NONE), probe.clearance(DESIRED_CLEARANCE)));
+        black_box((probe.static_hit(&margins(), &Allowance::NONE), probe.clearance(DESIRED_CLEARANCE)));
     };
     let line = |name: &str, flat: f64, coarse: f64| {
         println!("  {name:<25} {coarse:>10.0} edges/s   flat {flat:>8.0}   ratio {:.1}", coarse / flat);

@@ -19,13 +19,12 @@
 
 use std::ops::Range;
 
-use parry2d::bounding_volume::Aabb;
-
 use super::convert::Local;
 use super::convex::{Convex, SweptCorners, boxes_meet};
 use super::course::{Course, Node};
+use super::margins::{Margins, SafetyMargins};
 use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
-use super::swept::{Frame, Margins};
+use super::swept::Frame;
 use super::wide::OrientedBox;
 use super::{Blocker, CollisionWorld, ROUNDING};
 use crate::geometry::Pose;
@@ -63,9 +62,7 @@ impl Near {
 
 impl<'w> EdgeProbe<'w> {
     pub(super) fn new(world: &'w CollisionWorld, spirals: &[(Pose, CubicSpiral)]) -> Self {
-        let body = world.outline.body();
-        let widest = body.inflated(&world.settings.widest(), 0.0);
-        let course = Course::new(&world.origin, (body, widest), world.settings.spacing, spirals);
+        let course = Course::new(&world.origin, world.outline.body(), world.spacing, spirals);
         let blocks = course.blocks();
         Self {
             world,
@@ -84,7 +81,7 @@ impl<'w> EdgeProbe<'w> {
     /// The first cell that meets a static obstacle or leaves the road, with margins: equal to
     /// [`CollisionWorld::static_hit_from_start`] of the sweep.
     #[must_use]
-    pub fn static_hit(&mut self, allowance: &Allowance) -> Option<StaticHit> {
+    pub fn static_hit(&mut self, margins: &SafetyMargins, allowance: &Allowance) -> Option<StaticHit> {
         let cells = self.cells();
         // the footprint of a part is connected: if no boundary meets it, one point inside proves that all of it is inside
         let first_checked = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
@@ -92,7 +89,7 @@ impl<'w> EdgeProbe<'w> {
         let on_road = |frame: &Frame| self.world.outline.all_parts(frame, |p| road.contains_local(p));
         let off_road = first_checked.filter(|limit| !on_road(&self.course.frame(*limit)));
         let off_road = off_road.map(|limit| limit.min(cells - 1));
-        let search = Search { allowance, last: off_road.unwrap_or(cells - 1) };
+        let search = Search::new(margins, allowance, off_road.unwrap_or(cells - 1));
         for i in 0..self.blocks.len() {
             let block = self.blocks[i];
             if block.first > search.last {
@@ -117,7 +114,7 @@ impl<'w> EdgeProbe<'w> {
             if poses.is_empty() && !is_last {
                 continue;
             }
-            let mut hull = self.hull(&block);
+            let mut hull = self.hull(&block, 0.0);
             let reach = (least.obstacle, least.road);
             self.query(&hull, reach);
             let found = self.near.top();
@@ -139,17 +136,18 @@ impl<'w> EdgeProbe<'w> {
         least
     }
 
-    fn hull(&mut self, node: &Node) -> NodeHull {
+    /// The hull of a node without margins, for queries with margins of the given reach.
+    fn hull(&mut self, node: &Node, reach: f64) -> NodeHull {
         let (from, to) = (self.course.frame(node.first), self.course.frame(node.end));
-        let body = self.world.outline.body().inflated(&Margins::NONE, self.course.node_slack(node));
+        let body = self.world.outline.body().inflated(&Margins::NONE, self.course.node_slack(node, reach));
         let [a, b, c, d] = body.corners(&from);
         let [e, f, g, h] = body.corners(&to);
         NodeHull::new([a, b, c, d, e, f, g, h], from.forward + to.forward)
     }
 
     fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<(usize, Blocker)> {
-        let mut hull = self.hull(block);
-        self.query(&hull, self.reach());
+        let mut hull = self.hull(block, search.widest());
+        self.query(&hull, search.reach);
         if !search.checks_road(self.course.station(block.end - 1)) {
             self.near.boundary.clear();
         }
@@ -158,7 +156,7 @@ impl<'w> EdgeProbe<'w> {
             return None;
         }
         self.near.obstacles.sort_unstable();
-        self.narrow(&mut hull, ((0, 0), found), self.reach());
+        self.narrow(&mut hull, ((0, 0), found), search.reach);
         if self.near.top() == found { None } else { self.descend(search, block, found) }
     }
 
@@ -178,12 +176,6 @@ impl<'w> EdgeProbe<'w> {
                 near.boundary.push((leaf - pieces.len()) as u32);
             }
         });
-    }
-
-    /// Reach of the margins to obstacles and to the road boundary, m.
-    fn reach(&self) -> (f64, f64) {
-        let (obstacles, road) = self.world.statics.margins();
-        (obstacles.reach(), road.reach())
     }
 
     /// Pushes those of the entries `from..to` that may be within reach of the hull.
@@ -209,8 +201,8 @@ impl<'w> EdgeProbe<'w> {
                 continue;
             }
             if half.cells() > 1 {
-                let mut hull = self.hull(&half);
-                self.narrow(&mut hull, (from, to), self.reach());
+                let mut hull = self.hull(&half, search.widest());
+                self.narrow(&mut hull, (from, to), search.reach);
             } else if let Some(what) = self.blocker_of(search, half.first, from) {
                 return Some((half.first, what));
             }
@@ -228,7 +220,6 @@ impl<'w> EdgeProbe<'w> {
     /// The fine test of one cell.
     fn blocker_of(&mut self, search: &Search, cell: usize, from: (usize, usize)) -> Option<Blocker> {
         let statics = &self.world.statics;
-        let (obstacle_margins, road_margins) = statics.margins();
         let station = self.course.station(cell);
         let relaxed = station < search.allowance.no_margins_until;
         let ends = [self.course.frame(cell), self.course.frame(cell + 1)];
@@ -238,33 +229,43 @@ impl<'w> EdgeProbe<'w> {
                 return None;
             }
             let margins = if relaxed { &Margins::NONE } else { margins };
-            let body = self.world.outline.body().inflated(margins, slack);
-            let corners: [Local; 8] = std::array::from_fn(|i| body.corners(&ends[i / 4])[i % 4]);
-            let aabb = Aabb::from_points_ref(&corners);
-            let parts = self.world.outline.swept(ends, margins, slack);
-            let mut shape = SweptCorners::new(corners).with_parts(parts);
+            let mut shape = self.world.outline.footprint(ends, margins, slack.at(margins.reach()));
+            let aabb = shape.aabb();
             entries.iter().copied().find(|i| {
                 let piece = &pieces[*i as usize];
                 boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)
             })
         };
-        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles(), obstacle_margins);
+        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles(), &search.obstacles);
         if let Some(piece) = obstacle {
             return Some(statics.blocker(piece));
         }
         let on_edge = search.checks_road(station)
-            && first(&self.near.boundary[from.1..], statics.road().boundary(), road_margins).is_some();
+            && first(&self.near.boundary[from.1..], statics.road().boundary(), &search.boundary).is_some();
         on_edge.then_some(Blocker::RoadBoundary)
     }
 }
 
-/// The allowance of a search, and its last cell.
+/// The margins and the allowance of a search, and its last cell.
 struct Search<'a> {
+    obstacles: Margins,
+    boundary: Margins,
+    /// Reach of both margins, m.
+    reach: (f64, f64),
     allowance: &'a Allowance,
     last: usize,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(margins: &SafetyMargins, allowance: &'a Allowance, last: usize) -> Self {
+        let (obstacles, boundary) = (margins.static_obstacles, margins.to_boundary());
+        Self { obstacles, boundary, reach: (obstacles.reach(), boundary.reach()), allowance, last }
+    }
+
+    fn widest(&self) -> f64 {
+        self.reach.0.max(self.reach.1)
+    }
+
     fn checks_road(&self, station: f64) -> bool {
         station >= self.allowance.no_road_until
     }

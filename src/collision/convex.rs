@@ -158,6 +158,11 @@ impl SweptCorners {
         Self { parts, ..self }
     }
 
+    /// The box around the corners.
+    pub(super) fn aabb(&self) -> Aabb {
+        Aabb::from_points_ref(&self.corners)
+    }
+
     pub(super) fn hull(&mut self) -> &[Local] {
         if self.vertices == 0 {
             self.vertices = hull_into(&mut self.corners, &mut self.hull);

@@ -270,18 +270,13 @@ pub(super) struct Course {
     pieces: Vec<Piece>,
     /// Cached frames at the cell limits.
     frames: Vec<Option<Frame>>,
-    /// The body with the widest margins, for which ε must hold.
-    widest: Body,
+    /// The vehicle without margins.
+    body: Body,
 }
 
 impl Course {
-    /// `body` is the vehicle without margins, `widest` the one with the largest margins.
-    pub(super) fn new(
-        origin: &Origin,
-        (body, widest): (&Body, Body),
-        spacing: f64,
-        spirals: &[(Pose, CubicSpiral)],
-    ) -> Self {
+    /// `body` is the vehicle without margins.
+    pub(super) fn new(origin: &Origin, body: &Body, spacing: f64, spirals: &[(Pose, CubicSpiral)]) -> Self {
         let mut pieces: Vec<Piece> = Vec::with_capacity(spirals.len());
         let mut next = (0, 0.0);
         for (start, spiral) in spirals {
@@ -289,7 +284,7 @@ impl Course {
             next = (next.0 + piece.cells, next.1 + piece.length);
             pieces.push(piece);
         }
-        Self { pieces, frames: vec![None; next.0 + 1], widest }
+        Self { pieces, frames: vec![None; next.0 + 1], body: *body }
     }
 
     /// Number of cells.
@@ -350,23 +345,22 @@ impl Course {
         frame
     }
 
-    /// ε of a cell, [`SKIN`] included, m.
-    pub(super) fn cell_slack(&self, cell: usize) -> f64 {
+    /// ε of a cell.
+    pub(super) fn cell_slack(&self, cell: usize) -> Slack {
         let piece = &self.pieces[self.piece_of(cell)];
         let stretch = piece.stretch(cell - piece.first_cell, cell + 1 - piece.first_cell);
-        slack(&self.widest, stretch.bounds(), stretch.length)
+        Slack::new(&self.body, stretch.bounds(), stretch.length)
     }
 
-    /// Inflation of the rectangles at both ends of a node for which their hull contains the footprints of all its cells, m.
-    /// The curvature of the node bounds the slack of its cells, which inflates the body for the ε of the node. A second
-    /// [`SKIN`] covers the rounding of the coarse test.
-    pub(super) fn node_slack(&self, node: &Node) -> f64 {
+    /// Inflation of the rectangles at both ends of a node for which their hull, with margins of the given reach, contains the
+    /// footprints of all its cells with these margins, m. The curvature of the node bounds the slack of its cells, which
+    /// inflates the body for the ε of the node. A second [`SKIN`] covers the rounding of the coarse test.
+    pub(super) fn node_slack(&self, node: &Node, reach: f64) -> f64 {
         let piece = &self.pieces[node.piece];
         let stretch = piece.stretch(node.first - piece.first_cell, node.end - piece.first_cell);
         let bounds = stretch.bounds();
-        let own = slack(&self.widest, bounds, stretch.length / node.cells() as f64);
-        let inflated = self.widest.inflated(&super::Margins::NONE, own);
-        own + slack(&inflated, bounds, stretch.length)
+        let own = Slack::new(&self.body, bounds, stretch.length / node.cells() as f64).at(reach);
+        own + Slack::new(&self.body, bounds, stretch.length).at(reach + std::f64::consts::SQRT_2 * own)
     }
 
     /// All cells in blocks, in order.
@@ -384,15 +378,34 @@ impl Course {
     }
 }
 
-/// ε = h²/8 · max |X″| (see [`super::swept`]) and [`SKIN`], m.
-fn slack(body: &Body, (k, k1): (f64, f64), h: f64) -> f64 {
-    SKIN + 0.125 * h * h * body.max_second_derivative(k, k1)
+/// ε of a cell as a function of the margins (see [`super::swept`]), [`SKIN`] included.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slack {
+    /// Without margins, m.
+    pub(super) bare: f64,
+    /// Increase per metre of the reach of the margins.
+    pub(super) growth: f64,
+}
+
+impl Slack {
+    /// Of a section of length `h` with the bounds of |κ| and |κ′|.
+    fn new(body: &Body, (k, k1): (f64, f64), h: f64) -> Self {
+        let sagitta = 0.125 * h * h;
+        Self {
+            bare: SKIN + sagitta * body.max_second_derivative(k, k1),
+            growth: sagitta * (k * k * k * k + k1 * k1).sqrt(),
+        }
+    }
+
+    /// ε with margins of the given reach, m.
+    pub(super) fn at(&self, reach: f64) -> f64 {
+        self.bare + self.growth * reach
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::collision::Margins;
     use crate::geometry::{Point, Vector};
     use proptest::prelude::*;
 
@@ -413,12 +426,7 @@ mod tests {
             (here, *s)
         });
         let placed: Vec<_> = placed.collect();
-        Course::new(
-            &Origin::amid([&Point::new(0.0, 0.0)]),
-            (&body(), body().inflated(&Margins::uniform(0.3), 0.0)),
-            spacing,
-            &placed,
-        )
+        Course::new(&Origin::amid([&Point::new(0.0, 0.0)]), &body(), spacing, &placed)
     }
 
     /// Permitted difference between the quadratures of frames and of single points, for spirals far beyond any edge, m: a

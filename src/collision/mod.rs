@@ -2,6 +2,8 @@
 //!
 //! # Queries
 //!
+//! Every query names its margins ([`SafetyMargins`]); a world has none.
+//!
 //! - A lattice edge: the first station at which the swept footprint meets a static obstacle or leaves the road
 //!   ([`CollisionWorld::static_hit`]), and its clearance ([`CollisionWorld::clearance`]). [`CollisionWorld::probe`] answers
 //!   both without a sweep, coarse to fine, for thousands of candidates.
@@ -30,6 +32,7 @@ mod convert;
 mod convex;
 mod course;
 pub mod drivable;
+mod margins;
 pub mod moving;
 mod outline;
 pub mod statics;
@@ -40,10 +43,13 @@ mod wide;
 pub use blocked::{BlockedGrid, BlockedInterval};
 pub use coarse::EdgeProbe;
 pub use drivable::DrivableArea;
+pub use margins::{Margins, SafetyMargins};
 pub use moving::Predictions;
 pub use statics::{Allowance, Clearance, StaticHit, StaticWorld};
-pub use swept::{Margins, Sweep};
+pub use swept::Sweep;
 pub use uncertainty::MotionBounds;
+
+use std::sync::Arc;
 
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::Bvh;
@@ -54,7 +60,7 @@ use self::outline::Outline;
 use self::swept::Frame;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
-use crate::map::{Motion, Scenario};
+use crate::map::{Motion, Obstacle, OccupancyGrid, RoadNetwork};
 use crate::trajectory::Path;
 use crate::vehicle::Vehicle;
 
@@ -124,13 +130,11 @@ impl CollisionSettings {
         wrong.map_or(Ok(()), |(field, value, min, max)| Err(SettingsError { field, value, min, max }))
     }
 
-    /// The largest margins, for bounds that must hold with each of them.
-    fn widest(&self) -> Margins {
-        let (s, m, road) = (self.static_obstacles, self.moving_obstacles, self.road + drivable::OUTSIDE);
-        Margins {
-            lateral: s.lateral.max(m.lateral).max(road),
-            longitudinal: s.longitudinal.max(m.longitudinal).max(road),
-        }
+    /// The margins, for queries.
+    #[must_use]
+    pub fn margins(&self) -> SafetyMargins {
+        let Self { static_obstacles, moving_obstacles, road, .. } = *self;
+        SafetyMargins { static_obstacles, moving_obstacles, road }
     }
 }
 
@@ -154,43 +158,52 @@ pub struct Overlap {
     pub depth: f64,
 }
 
-/// All static and moving obstacles of a scenario and its road, for one vehicle. Built once per run; queries are read-only.
+/// A road with its static and moving obstacles, for one vehicle. It has a resolution and no margins: every query names its own.
+/// Queries are read-only. Copies share the static part.
 #[derive(Debug, Clone)]
 pub struct CollisionWorld {
     origin: Origin,
     outline: Outline,
-    settings: CollisionSettings,
-    statics: StaticWorld,
+    spacing: f64,
+    time_slice: f64,
+    statics: Arc<StaticWorld>,
     predictions: Predictions,
 }
 
 impl CollisionWorld {
     /// Builds the road surface, the static obstacles and the predictions up to `horizon` (s since time step 0 of the file:
-    /// the end of the run plus the horizon of the last plan).
+    /// the end of the run plus the horizon of the last plan). Of the settings it uses the resolution and `unknown_is_occupied`;
+    /// the margins belong to the queries.
     ///
     /// # Errors
     /// A setting out of its range.
     pub fn new(
-        scenario: &Scenario,
+        network: &RoadNetwork,
+        occupancy: Option<&OccupancyGrid>,
+        obstacles: &[Obstacle],
         vehicle: &Vehicle,
         settings: &CollisionSettings,
         horizon: f64,
     ) -> Result<Self, SettingsError> {
         settings.validate()?;
-        let origin = origin_of(scenario);
+        let origin = origin_of(network, occupancy, obstacles);
+        let reach = vehicle.footprint.reach();
         Ok(Self {
             origin,
             outline: Outline::new(vehicle),
-            settings: *settings,
-            statics: StaticWorld::new(scenario, origin, settings, vehicle.footprint.reach()),
-            predictions: Predictions::new(&scenario.obstacles, origin, settings, horizon),
+            spacing: settings.spacing,
+            time_slice: settings.time_slice,
+            statics: Arc::new(StaticWorld::new(network, occupancy, obstacles, origin, settings, reach)),
+            predictions: Predictions::new(obstacles, origin, settings.time_slice, horizon),
         })
     }
 
-    /// Resolution and margins.
+    /// The same road and static obstacles with other moving obstacles and another horizon (see [`CollisionWorld::new`]). Static
+    /// obstacles among `obstacles` are ignored.
     #[must_use]
-    pub fn settings(&self) -> &CollisionSettings {
-        &self.settings
+    pub fn with_predictions(&self, obstacles: &[Obstacle], horizon: f64) -> Self {
+        let predictions = Predictions::new(obstacles, self.origin, self.time_slice, horizon);
+        Self { outline: self.outline.clone(), statics: Arc::clone(&self.statics), predictions, ..*self }
     }
 
     /// The static part.
@@ -208,13 +221,13 @@ impl CollisionWorld {
     /// The swept footprint along a spiral.
     #[must_use]
     pub fn sweep(&self, start: &Pose, spiral: &CubicSpiral) -> Sweep {
-        Sweep::new(&self.origin, &self.outline, &self.settings, &[(*start, *spiral)])
+        Sweep::new(&self.origin, &self.outline, self.spacing, &[(*start, *spiral)])
     }
 
     /// The swept footprint along a whole path.
     #[must_use]
     pub fn sweep_path(&self, path: &Path) -> Sweep {
-        Sweep::new(&self.origin, &self.outline, &self.settings, &swept::pieces_of(path))
+        Sweep::new(&self.origin, &self.outline, self.spacing, &swept::pieces_of(path))
     }
 
     /// A lazy coarse-to-fine check of a spiral against the static world: the results of
@@ -232,15 +245,20 @@ impl CollisionWorld {
 
     /// The first cell that meets a static obstacle or leaves the road, with margins.
     #[must_use]
-    pub fn static_hit(&self, sweep: &Sweep) -> Option<StaticHit> {
-        self.statics.first_hit(sweep, &Allowance::NONE)
+    pub fn static_hit(&self, sweep: &Sweep, margins: &SafetyMargins) -> Option<StaticHit> {
+        self.statics.first_hit(sweep, margins, &Allowance::NONE)
     }
 
     /// [`CollisionWorld::static_hit`] for a sweep from the vehicle's position, which may already be inside a margin or
     /// partly off the road.
     #[must_use]
-    pub fn static_hit_from_start(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
-        self.statics.first_hit(sweep, allowance)
+    pub fn static_hit_from_start(
+        &self,
+        sweep: &Sweep,
+        margins: &SafetyMargins,
+        allowance: &Allowance,
+    ) -> Option<StaticHit> {
+        self.statics.first_hit(sweep, margins, allowance)
     }
 
     /// Smallest distances of the sweep to static obstacles and to the road boundary, without margins, at most `cap`, m.
@@ -251,8 +269,8 @@ impl CollisionWorld {
 
     /// The cells that moving obstacles block on consecutive sweeps between two times (s).
     #[must_use]
-    pub fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
-        self.predictions.blocked(sweeps, from, to)
+    pub fn blocked(&self, sweeps: &[&Sweep], margins: &SafetyMargins, from: f64, to: f64) -> BlockedGrid {
+        self.predictions.blocked(sweeps, &margins.moving_obstacles, from, to)
     }
 
     /// The overlap of the vehicle without margins at a pose and a time (s). An obstacle takes precedence over the road
@@ -274,17 +292,15 @@ impl CollisionWorld {
     }
 }
 
-/// An origin in the middle of the road, or of obstacles and start if there is no road.
-fn origin_of(scenario: &Scenario) -> Origin {
-    let lanelets = scenario.network.lanelets.values();
-    let bounds = lanelets.flat_map(|l| l.left.points().iter().chain(l.right.points()));
-    let poses = scenario.obstacles.iter().filter_map(|o| match &o.motion {
+/// An origin in the middle of the road, or of the static obstacles and the grid if there is no road.
+fn origin_of(network: &RoadNetwork, occupancy: Option<&OccupancyGrid>, obstacles: &[Obstacle]) -> Origin {
+    let bounds = network.lanelets.values().flat_map(|l| l.left.points().iter().chain(l.right.points()));
+    let poses = obstacles.iter().filter_map(|o| match &o.motion {
         Motion::Static(pose) => Some(&pose.position),
-        Motion::Trajectory(states) => states.first().map(|s| &s.pose.position),
-        Motion::Occupancy(_) => None,
+        Motion::Trajectory(_) | Motion::Occupancy(_) => None,
     });
-    let starts = scenario.problems.iter().map(|p| &p.initial.centre.position);
-    if scenario.network.lanelets.is_empty() { Origin::amid(poses.chain(starts)) } else { Origin::amid(bounds) }
+    let grid = occupancy.map(|grid| &grid.origin().position);
+    if network.lanelets.is_empty() { Origin::amid(poses.chain(grid)) } else { Origin::amid(bounds) }
 }
 
 /// Tolerance of box distances, m. With it rounding cannot exclude a piece, and the smallest distance does not depend on the

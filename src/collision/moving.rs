@@ -19,25 +19,25 @@
 //! motion within bounds around the predicted ones from a given time on ([`super::uncertainty`]). Both results are
 //! predictions and support the same queries.
 //!
-//! The blocked cells are cached with each sweep, for the first predictions that are queried. For other predictions, and for
-//! reachable sets, which are valid for one time only, they are computed in every query.
+//! Each sweep caches its blocked cells for the predictions and margins of its last query.
 //!
 //! # Weakness
 //! One hull covers a piece that moves far in a slice while turning. There are no regions beyond the horizon.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
 
+use super::Overlap;
 use super::blocked::{BlockedGrid, CellRuns, GridBuilder, SliceBits};
 use super::convert::Origin;
-use super::convex::{Convex, SweptCorners, boxes_meet, merged};
-use super::swept::{Margins, Sweep, with_margins};
+use super::convex::{Convex, SweptCorners, boxes_meet, inflated, merged};
+use super::margins::Margins;
+use super::swept::Sweep;
 use super::uncertainty::{Leg, MotionBounds, Spread};
-use super::{CollisionSettings, Overlap};
 use crate::geometry::{Pose, wrap_angle};
 use crate::map::{ConvexPart, Motion, Obstacle, ObstacleKind, TimedOccupancy, TimedPose};
 
@@ -53,23 +53,40 @@ pub struct Predictions {
     /// Number of slices up to the horizon.
     slices: usize,
     origin: Origin,
-    margins: Margins,
     obstacles: Arc<[Obstacle]>,
     tracks: Vec<Arc<Track>>,
     chunks: Vec<Chunk>,
     tree: Bvh,
-    /// Identity for the cache (clones share it); `None` if results are not cached.
-    identity: Option<Arc<()>>,
+    /// Identity for the cache; clones share it.
+    identity: Arc<()>,
 }
 
-/// The blocked cells of a sweep, cached with it: many cycles query the sweep of a cached edge.
-#[derive(Debug, Clone)]
-pub(super) struct KeptRuns {
-    /// Identity of the predictions.
-    of: Arc<()>,
+/// The blocked cells of a sweep for the predictions and margins of its last query: many paths and cycles share the sweep of an
+/// edge.
+#[derive(Debug, Default)]
+pub(super) struct KeptRuns(Mutex<Option<Arc<RunsOf>>>);
+
+/// The blocked cells for some predictions and margins.
+#[derive(Debug)]
+struct RunsOf {
+    predictions: Arc<()>,
+    margins: Margins,
     /// First slice of the result, which contains all later ones.
     first: usize,
     runs: CellRuns,
+}
+
+impl KeptRuns {
+    fn slot(&self) -> MutexGuard<'_, Option<Arc<RunsOf>>> {
+        // the slot holds no half-written value: it is replaced as a whole
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Clone for KeptRuns {
+    fn clone(&self) -> Self {
+        Self(Mutex::new(self.slot().clone()))
+    }
 }
 
 /// The regions of one obstacle; those of slice `first + i` are `slices[i]`.
@@ -115,30 +132,20 @@ struct Chunk {
 
 impl Predictions {
     /// Divides the motion of all moving obstacles from time 0 to `horizon` (s since time step 0 of the file) into slices.
-    pub(super) fn new(obstacles: &[Obstacle], origin: Origin, settings: &CollisionSettings, horizon: f64) -> Self {
-        let slice = settings.time_slice;
+    pub(super) fn new(obstacles: &[Obstacle], origin: Origin, slice: f64, horizon: f64) -> Self {
         let slices = index((horizon / slice - TIME_SLACK).ceil());
         let mut obstacles: Vec<Obstacle> = obstacles.iter().filter(|o| !o.is_static()).cloned().collect();
         obstacles.sort_by_key(|o| o.id);
         let tracks: Vec<_> =
             obstacles.iter().filter_map(|o| Track::new(o, &origin, slice, slices).map(Arc::new)).collect();
         let (chunks, tree) = hierarchy(&tracks);
-        Self {
-            slice,
-            slices,
-            origin,
-            margins: settings.moving_obstacles,
-            obstacles: obstacles.into(),
-            tracks,
-            chunks,
-            tree,
-            identity: Some(Arc::new(())),
-        }
+        Self { slice, slices, origin, obstacles: obstacles.into(), tracks, chunks, tree, identity: Arc::new(()) }
     }
 
     /// These predictions with other regions.
-    fn with_tracks(&self, tracks: Vec<Arc<Track>>, identity: Option<Arc<()>>) -> Self {
+    fn with_tracks(&self, tracks: Vec<Arc<Track>>) -> Self {
         let (chunks, tree) = hierarchy(&tracks);
+        let identity = Arc::new(());
         Self { tracks, chunks, tree, identity, obstacles: Arc::clone(&self.obstacles), ..*self }
     }
 
@@ -152,7 +159,7 @@ impl Predictions {
             }
             None => Arc::clone(track),
         };
-        self.with_tracks(self.tracks.iter().map(remaining).collect(), Some(Arc::new(())))
+        self.with_tracks(self.tracks.iter().map(remaining).collect())
     }
 
     /// The reachable sets of the obstacles from `now` on (s since time step 0 of the file): their states at `now` are the
@@ -166,7 +173,7 @@ impl Predictions {
             Some(course) => Arc::new(track.reachable(course, now, self.slice, bounds)),
             None => Arc::clone(track),
         };
-        self.with_tracks(self.tracks.iter().map(reachable).collect(), None)
+        self.with_tracks(self.tracks.iter().map(reachable).collect())
     }
 
     /// End of the predictions, s since time step 0 of the file.
@@ -175,41 +182,40 @@ impl Predictions {
         self.slices as f64 * self.slice
     }
 
-    /// The cells that the moving obstacles block on consecutive sweeps, from time `from` to `to` (s since time step 0 of the
-    /// file; extended to whole slices and limited to the horizon).
+    /// The cells that the moving obstacles block on consecutive sweeps with margins, from time `from` to `to` (s since time
+    /// step 0 of the file; extended to whole slices and limited to the horizon).
     #[must_use]
-    pub fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
+    pub fn blocked(&self, sweeps: &[&Sweep], margins: &Margins, from: f64, to: f64) -> BlockedGrid {
         let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
         let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
         let mut grid = GridBuilder::new(self.slice, first..end);
         for sweep in sweeps {
             let id = |track: usize| self.tracks[track].id;
-            match self.kept_runs(sweep, first) {
-                Some(kept) => grid.append(sweep, kept, id),
-                None => grid.append(sweep, &self.runs(sweep, first), id),
-            }
+            grid.append(sweep, &self.kept_runs(sweep, margins, first).runs, id);
         }
         grid.finish()
     }
 
-    /// The runs cached with the sweep; `None` if they belong to other predictions or start too late.
-    fn kept_runs<'s>(&self, sweep: &'s Sweep, first: usize) -> Option<&'s CellRuns> {
-        let identity = self.identity.as_ref()?;
-        let new = || KeptRuns { of: Arc::clone(identity), first, runs: self.runs(sweep, first) };
-        let kept = sweep.kept_runs().get_or_init(new);
-        (Arc::ptr_eq(&kept.of, identity) && kept.first <= first).then_some(&kept.runs)
-    }
-
-    /// The slices from `first` to the horizon in which each cell of the sweep is blocked.
-    fn runs(&self, sweep: &Sweep, first: usize) -> CellRuns {
+    /// The slices from `first` to the horizon (or more) in which each cell of the sweep is blocked, from the cache of the sweep
+    /// if they are there.
+    fn kept_runs(&self, sweep: &Sweep, margins: &Margins, first: usize) -> Arc<RunsOf> {
+        let is_kept = |kept: &&Arc<RunsOf>| {
+            Arc::ptr_eq(&kept.predictions, &self.identity) && kept.margins == *margins && kept.first <= first
+        };
+        if let Some(kept) = sweep.kept_runs().slot().as_ref().filter(is_kept) {
+            return Arc::clone(kept);
+        }
         let mut bits = SliceBits::new(sweep.grid_cells(), self.slices - first);
-        self.mark(sweep, first..self.slices, &mut bits);
-        bits.runs(first)
+        self.mark(sweep, margins, first..self.slices, &mut bits);
+        let predictions = Arc::clone(&self.identity);
+        let new = Arc::new(RunsOf { predictions, margins: *margins, first, runs: bits.runs(first) });
+        *sweep.kept_runs().slot() = Some(Arc::clone(&new));
+        new
     }
 
     /// Marks the slices in which the sweep's cells are blocked.
-    fn mark(&self, sweep: &Sweep, range: Range<usize>, bits: &mut SliceBits) {
-        let reach = with_margins(sweep.boxes().bounds(), &self.margins);
+    fn mark(&self, sweep: &Sweep, margins: &Margins, range: Range<usize>, bits: &mut SliceBits) {
+        let reach = inflated(sweep.boxes().bounds(), sweep.reach(margins));
         let mut found: Vec<u32> = self.tree.intersect_aabb(&reach).collect();
         // chunks are in order of obstacle and time, so that the lowest id blocks a cell
         found.sort_unstable();
@@ -220,13 +226,13 @@ impl Predictions {
                 let j = track.first + i;
                 let slice = &track.slices[i];
                 let Some(aabb) = slice.aabb.filter(|_| range.contains(&j)) else { continue };
-                sweep.cells_near(&aabb, &slice.pieces, &self.margins, |cell| {
+                sweep.cells_near(&aabb, &slice.pieces, margins, |cell| {
                     let station_cell = sweep.grid_cell(cell);
                     if bits.is_set(station_cell, j - range.start) {
                         return;
                     }
-                    let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, &self.margins));
-                    let reach = with_margins(sweep.boxes().cell(cell), &self.margins);
+                    let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, margins));
+                    let reach = sweep.cell_box(cell, margins);
                     if slice.pieces.iter().any(|p| boxes_meet(p.aabb(), &reach) && p.overlaps(shape)) {
                         bits.set(station_cell, j - range.start, chunk.track);
                     }

@@ -17,8 +17,9 @@
 use std::sync::Arc;
 
 use super::convert::{Local, vector};
-use super::convex::Convex;
-use super::swept::{Body, Frame, Margins};
+use super::convex::{Convex, SweptCorners};
+use super::margins::Margins;
+use super::swept::{Body, Frame};
 use crate::vehicle::Vehicle;
 
 /// The area of the vehicle in the rear-axle frame.
@@ -73,6 +74,13 @@ impl Outline {
             None => test(frame.at),
             Some(parts) => parts.iter().all(|part| part.corners.first().is_none_or(|p| test(frame.to_world(*p)))),
         }
+    }
+
+    /// The footprint swept from one frame to the next, inflated by the margins and by `slack`.
+    pub(super) fn footprint(&self, ends: [Frame; 2], margins: &Margins, slack: f64) -> SweptCorners {
+        let body = self.body.inflated(margins, slack);
+        let ([a, b, c, d], [e, f, g, h]) = (body.corners(&ends[0]), body.corners(&ends[1]));
+        SweptCorners::new([a, b, c, d, e, f, g, h]).with_parts(self.swept(ends, margins, slack))
     }
 
     /// The parts swept from one frame to the next, inflated by the margins and by `slack`; `None` for a rectangle.

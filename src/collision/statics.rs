@@ -10,12 +10,13 @@ use parry2d::bounding_volume::{Aabb, BoundingVolume as _};
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
 
 use super::convert::{Local, Origin};
-use super::convex::{Convex, boxes_meet};
-use super::drivable::{DrivableArea, OUTSIDE};
-use super::swept::{FAN, Margins, Sweep, with_margins};
+use super::convex::{Convex, boxes_meet, inflated};
+use super::drivable::DrivableArea;
+use super::margins::{Margins, SafetyMargins};
+use super::swept::{FAN, Sweep};
 use super::wide::WideTree;
 use super::{Blocker, CollisionSettings, Overlap};
-use crate::map::{Cell, Motion, Scenario};
+use crate::map::{Cell, Motion, Obstacle, OccupancyGrid, RoadNetwork};
 
 /// Number of cells between two poses at which the clearance is measured.
 pub(super) const STRIDE: usize = 4;
@@ -66,15 +67,20 @@ pub struct StaticWorld {
     tree: Bvh,
     /// Hierarchy over the pieces and, numbered after them, the boundary segments.
     everything: WideTree,
-    obstacle_margins: Margins,
-    road_margins: Margins,
 }
 
 impl StaticWorld {
     /// `reach` is the largest distance of the footprint from the rear axle, m.
-    pub(super) fn new(scenario: &Scenario, origin: Origin, settings: &CollisionSettings, reach: f64) -> Self {
+    pub(super) fn new(
+        network: &RoadNetwork,
+        occupancy: Option<&OccupancyGrid>,
+        obstacles: &[Obstacle],
+        origin: Origin,
+        settings: &CollisionSettings,
+        reach: f64,
+    ) -> Self {
         let mut found: Vec<(i64, Convex)> = Vec::new();
-        for obstacle in &scenario.obstacles {
+        for obstacle in obstacles {
             if let Motion::Static(pose) = &obstacle.motion {
                 let parts = obstacle.shape.convex_parts();
                 found.extend(parts.iter().filter_map(|p| Some((obstacle.id, Convex::of_part(&p.at(pose), &origin)?))));
@@ -82,9 +88,9 @@ impl StaticWorld {
         }
         found.sort_by_key(|(id, _)| *id);
         let found = found.into_iter().map(|(id, piece)| (Blocker::Obstacle(id), piece));
-        let road = DrivableArea::with_origin(&scenario.network, origin);
-        let cells = occupied(scenario, settings, &origin, &road, 2.0 * reach + BESIDE);
-        let cells = cells.into_iter().map(|piece| (Blocker::OccupiedCell, piece));
+        let road = DrivableArea::with_origin(network, origin);
+        let of_grid = |grid| occupied(grid, network, settings, &origin, &road, 2.0 * reach + BESIDE);
+        let cells = occupancy.map(of_grid).unwrap_or_default().into_iter().map(|piece| (Blocker::OccupiedCell, piece));
         let (blockers, pieces): (Vec<Blocker>, Vec<Convex>) = found.chain(cells).unzip();
         let boxes: Vec<Aabb> = pieces.iter().map(|p| *p.aabb()).collect();
         Self {
@@ -93,8 +99,6 @@ impl StaticWorld {
             tree: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
             pieces,
             blockers,
-            obstacle_margins: settings.static_obstacles,
-            road_margins: Margins::uniform(settings.road + OUTSIDE),
         }
     }
 
@@ -106,7 +110,7 @@ impl StaticWorld {
 
     /// The first cell in which the swept footprint with its margins meets a static obstacle or leaves the road.
     #[must_use]
-    pub fn first_hit(&self, sweep: &Sweep, allowance: &Allowance) -> Option<StaticHit> {
+    pub fn first_hit(&self, sweep: &Sweep, margins: &SafetyMargins, allowance: &Allowance) -> Option<StaticHit> {
         // the footprint of a part is connected: if no boundary meets it, one point inside proves that all of it is inside
         let first_checked = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
         let on_road = |i: usize| sweep.outline().all_parts(&sweep.frames()[i], |p| self.road.contains_local(p));
@@ -117,7 +121,7 @@ impl StaticWorld {
             .blocks()
             .iter()
             .enumerate()
-            .find_map(|(i, block)| self.hit_in_block(sweep, allowance, i, block));
+            .find_map(|(i, block)| self.hit_in_block(sweep, margins, allowance, (i, block)));
         match (hit, off_road) {
             (Some(hit), Some(cell)) if hit.cell <= cell => Some(hit),
             (_, Some(cell)) => Some(StaticHit { station: sweep.stations()[cell], cell, what: Blocker::RoadBoundary }),
@@ -125,13 +129,20 @@ impl StaticWorld {
         }
     }
 
-    fn hit_in_block(&self, sweep: &Sweep, allowance: &Allowance, block: usize, aabb: &Aabb) -> Option<StaticHit> {
-        let reach = with_margins(aabb, &self.obstacle_margins);
-        let near = |i: &u32| sweep.block_may_meet(block, &self.pieces[*i as usize], &self.obstacle_margins);
+    fn hit_in_block(
+        &self,
+        sweep: &Sweep,
+        margins: &SafetyMargins,
+        allowance: &Allowance,
+        (block, aabb): (usize, &Aabb),
+    ) -> Option<StaticHit> {
+        let (obstacle_margins, road_margins) = (margins.static_obstacles, margins.to_boundary());
+        let reach = inflated(aabb, sweep.reach(&obstacle_margins));
+        let near = |i: &u32| sweep.block_may_meet(block, &self.pieces[*i as usize], &obstacle_margins);
         let mut obstacles: Vec<u32> = self.tree.intersect_aabb(&reach).filter(near).collect();
         obstacles.sort_unstable();
-        let reach = with_margins(aabb, &self.road_margins);
-        let near = |piece: &&Convex| sweep.block_may_meet(block, piece, &self.road_margins);
+        let reach = inflated(aabb, sweep.reach(&road_margins));
+        let near = |piece: &&Convex| sweep.block_may_meet(block, piece, &road_margins);
         let edge: Vec<&Convex> = self.road.near(&reach).filter(near).collect();
         if obstacles.is_empty() && edge.is_empty() {
             return None;
@@ -139,9 +150,9 @@ impl StaticWorld {
         (FAN * block..(FAN * (block + 1)).min(sweep.cells())).find_map(|cell| {
             let station = sweep.stations()[cell];
             let relaxed = station < allowance.no_margins_until;
-            let margins = if relaxed { &Margins::NONE } else { &self.obstacle_margins };
-            let reach = with_margins(sweep.boxes().cell(cell), margins);
-            let mut corners = sweep.corners(cell, margins);
+            let margins = if relaxed { Margins::NONE } else { obstacle_margins };
+            let reach = sweep.cell_box(cell, &margins);
+            let mut corners = sweep.corners(cell, &margins);
             let mut meets = |piece: &Convex| boxes_meet(piece.aabb(), &reach) && piece.overlaps(&mut corners);
             if let Some(hit) = obstacles.iter().find(|i| meets(&self.pieces[**i as usize])) {
                 return Some(StaticHit { station, cell, what: self.blocker(*hit) });
@@ -149,8 +160,8 @@ impl StaticWorld {
             if station < allowance.no_road_until {
                 return None;
             }
-            let margins = if relaxed { Margins::NONE } else { self.road_margins };
-            let reach = with_margins(sweep.boxes().cell(cell), &margins);
+            let margins = if relaxed { Margins::NONE } else { road_margins };
+            let reach = sweep.cell_box(cell, &margins);
             let mut corners = sweep.corners(cell, &margins);
             let mut meets = |piece: &Convex| boxes_meet(piece.aabb(), &reach) && piece.overlaps(&mut corners);
             edge.iter().any(|piece| meets(piece)).then_some(StaticHit { station, cell, what: Blocker::RoadBoundary })
@@ -170,11 +181,6 @@ impl StaticWorld {
     /// The blocker of a piece of [`StaticWorld::obstacles`].
     pub(super) fn blocker(&self, piece: u32) -> Blocker {
         self.blockers[piece as usize]
-    }
-
-    /// Margins to the obstacles and to the road boundary.
-    pub(super) fn margins(&self) -> (&Margins, &Margins) {
-        (&self.obstacle_margins, &self.road_margins)
     }
 
     /// Distance of the vehicle without margins to static obstacles and to the road boundary, at most `cap`, m: the minimum
@@ -215,19 +221,19 @@ const BESIDE: f64 = 20.0;
 /// The occupied cells of the scenario's grid within a distance of the road, merged into few rectangles; all of them if there
 /// is no road. If any part of the vehicle is on the road, all other parts are within twice its reach.
 fn occupied(
-    scenario: &Scenario,
+    grid: &OccupancyGrid,
+    network: &RoadNetwork,
     settings: &CollisionSettings,
     origin: &Origin,
     road: &DrivableArea,
     distance: f64,
 ) -> Vec<Convex> {
-    let Some(grid) = &scenario.occupancy else { return Vec::new() };
     let is_occupied = |cell| cell == Cell::Occupied || settings.unknown_is_occupied && cell == Cell::Unknown;
     let piece = |block| Convex::hull_of(grid.corners(&block).iter().map(|p| origin.local(*p)).collect(), 0.0);
     if road.is_empty() {
         return grid.blocks(is_occupied).into_iter().filter_map(piece).collect();
     }
-    let bounds = scenario.network.lanelets.values().flat_map(|l| l.left.points().iter().chain(l.right.points()));
+    let bounds = network.lanelets.values().flat_map(|l| l.left.points().iter().chain(l.right.points()));
     let part = grid.part_around(bounds, distance);
     let is_near = |piece: &Convex| {
         let around = piece.aabb().loosened(distance);
@@ -239,29 +245,26 @@ fn occupied(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{network, road, scenario, straight_lanelet};
+    use crate::fixtures::{network, road, straight_lanelet};
     use crate::geometry::{Point, Pose};
-    use crate::map::OccupancyGrid;
 
     /// Centres of the kept cells of one row of cells perpendicular to the road, one every 10 m.
-    fn kept(road: crate::map::RoadNetwork) -> Vec<f64> {
+    fn kept(road: &RoadNetwork) -> Vec<f64> {
         let mut cells = vec![Cell::Free; 1000];
         cells.iter_mut().step_by(10).for_each(|cell| *cell = Cell::Occupied);
-        let mut scenario = scenario(road, vec![]);
-        let origin = Pose::new(50.0, -500.0, 0.0);
-        scenario.occupancy = Some(OccupancyGrid::new(origin, 1.0, 1, 1000, cells).unwrap());
+        let grid = OccupancyGrid::new(Pose::new(50.0, -500.0, 0.0), 1.0, 1, 1000, cells).unwrap();
         let at = Origin::amid(&[Point::origin()]);
-        let world = StaticWorld::new(&scenario, at, &CollisionSettings::default(), 3.0);
+        let world = StaticWorld::new(road, Some(&grid), &[], at, &CollisionSettings::default(), 3.0);
         world.pieces.iter().map(|piece| piece.aabb().center().y).collect()
     }
 
     #[test]
     fn keeps_only_cells_that_the_vehicle_can_reach() {
         // within 26 m of a road from −2 to 2 m
-        assert_eq!(kept(road(4.0, 100.0)), [-19.5, -9.5, 0.5, 10.5, 20.5]);
+        assert_eq!(kept(&road(4.0, 100.0)), [-19.5, -9.5, 0.5, 10.5, 20.5]);
         // in the middle of a wide one, far from its edge
-        let wide = kept(network([straight_lanelet(1, (-200.0, 200.0), -200.0, 200.0)]));
+        let wide = kept(&network([straight_lanelet(1, (-200.0, 200.0), -200.0, 200.0)]));
         assert_eq!((wide.len(), wide[0], wide[wide.len() - 1]), (45, -219.5, 220.5));
-        assert_eq!(kept(crate::map::RoadNetwork::default()).len(), 100, "without a road all cells are kept");
+        assert_eq!(kept(&RoadNetwork::default()).len(), 100, "without a road all cells are kept");
     }
 }

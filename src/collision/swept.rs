@@ -1,7 +1,7 @@
 //! The conservative swept footprint of a vehicle along a spiral or a path.
 //!
 //! # Technique
-//! Each spiral is divided into cells of equal length, at most [`CollisionSettings::spacing`] (`course`). The footprint of a
+//! Each spiral is divided into cells of equal length, at most [`super::CollisionSettings::spacing`] (`course`). The footprint of a
 //! cell is the convex hull of the vehicle's rectangle at its two ends, each inflated by ε on every side. The hull of two
 //! rectangles inflated by a disc is the hull of the inflated rectangles, so that the footprint contains everything within ε
 //! of the hull.
@@ -16,8 +16,9 @@
 //!
 //! A twice differentiable curve leaves the chord between its ends at s and s + h by at most h²/8 · max |X″| (the error of
 //! linear interpolation: the sagitta of the arc if X″ is constant). The chord is in the hull of the two rectangles, hence
-//! ε = h²/8 · max |X″| with |x|, |y| of the outermost corner (with margins) and the largest |κ|, |κ′| of the cell, which its
-//! Bernstein coefficients bound. All other points of the rectangle are convex combinations of its corners, so that the bound
+//! ε = h²/8 · max |X″| with |x|, |y| of the outermost corner and the largest |κ|, |κ′| of the cell, which its Bernstein
+//! coefficients bound. Margins displace the corner by a vector δ and X″ by (−κ′·δy − κ²·δx, κ′·δx − κ²·δy), whose length is
+//! |δ| · √(κ⁴ + κ′²): ε grows linearly with the margins, and one footprint serves queries with any margins. All other points of the rectangle are convex combinations of its corners, so that the bound
 //! for the corners holds for all of them; also for parts inside the rectangle, each swept separately (`outline`).
 //!
 //! # Weakness
@@ -26,14 +27,12 @@
 //! most 5 cm for curvatures up to 0.2 1/m with rates up to 0.1 1/m² (measured: 3.8 cm). The excess is proportional to the
 //! spacing.
 
-use std::sync::OnceLock;
-
 use parry2d::bounding_volume::Aabb;
 
-use super::CollisionSettings;
 use super::convert::{Local, Origin, vector};
 use super::convex::{Convex, SweptCorners, boxes_meet, inflated, merged};
-use super::course::Course;
+use super::course::{Course, Slack};
+use super::margins::Margins;
 use super::moving::KeptRuns;
 use super::outline::Outline;
 use crate::geometry::spiral::CubicSpiral;
@@ -44,32 +43,6 @@ use crate::vehicle::Vehicle;
 /// Inflation of every footprint, m. It covers the rounding of the overlap tests and the quadrature error of positions, both
 /// below 1e-7 m; touching counts as overlap.
 pub(super) const SKIN: f64 = 1e-6;
-
-/// Margins to obstacles, in the axes of the vehicle, m.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Margins {
-    /// Margin to the left and to the right, m.
-    pub lateral: f64,
-    /// Margin to the front and to the rear, m.
-    pub longitudinal: f64,
-}
-
-impl Margins {
-    /// No margin.
-    pub const NONE: Self = Self { lateral: 0.0, longitudinal: 0.0 };
-
-    /// The same on all sides.
-    #[must_use]
-    pub fn uniform(margin: f64) -> Self {
-        Self { lateral: margin, longitudinal: margin }
-    }
-
-    /// Displacement of a corner, m.
-    pub(super) fn reach(&self) -> f64 {
-        self.lateral.hypot(self.longitudinal)
-    }
-}
 
 /// The rectangle of the vehicle, or the bounding rectangle of its parts, in the rear-axle frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -166,8 +139,10 @@ pub struct Sweep {
     /// Limits of the station cells, m from the start, and the station cell of each cell.
     station_cells: (Vec<f64>, Vec<u32>),
     frames: Vec<Frame>,
-    /// ε of each cell, [`SKIN`] included, m.
-    slack: Vec<f64>,
+    /// ε of each cell.
+    slack: Vec<Slack>,
+    /// The largest [`Slack::growth`].
+    growth: f64,
     /// Bounding boxes of the cells, without margins.
     boxes: BoxTree,
     /// Oriented bounding boxes of [`FAN`] cells each, without margins.
@@ -175,33 +150,28 @@ pub struct Sweep {
     outline: Outline,
     origin: Origin,
     /// Cached cells that moving obstacles block.
-    kept_runs: OnceLock<KeptRuns>,
+    kept_runs: KeptRuns,
 }
 
 impl Sweep {
-    pub(super) fn new(
-        origin: &Origin,
-        outline: &Outline,
-        settings: &CollisionSettings,
-        pieces: &[(Pose, CubicSpiral)],
-    ) -> Self {
+    pub(super) fn new(origin: &Origin, outline: &Outline, spacing: f64, pieces: &[(Pose, CubicSpiral)]) -> Self {
         let body = outline.body();
-        let widest = body.inflated(&settings.widest(), 0.0);
-        let mut course = Course::new(origin, (body, widest), settings.spacing, pieces);
+        let mut course = Course::new(origin, body, spacing, pieces);
         let cells = course.cells();
         let stations: Vec<f64> = (0..=cells).map(|limit| course.station(limit)).collect();
         let frames: Vec<Frame> = (0..=cells).map(|limit| course.frame(limit)).collect();
-        let slack: Vec<f64> = (0..cells).map(|cell| course.cell_slack(cell)).collect();
+        let slack: Vec<Slack> = (0..cells).map(|cell| course.cell_slack(cell)).collect();
         let boxes = frames.windows(2).zip(&slack).map(|(ends, slack)| {
-            let body = body.inflated(&Margins::NONE, *slack);
+            let body = body.inflated(&Margins::NONE, slack.bare);
             merged(&body.aabb(&ends[0]), &body.aabb(&ends[1]))
         });
         let boxes = BoxTree::new(boxes.collect());
         let block_boxes = block_boxes_of(body, &frames, &slack);
+        let growth = slack.iter().fold(0.0, |most: f64, slack| most.max(slack.growth));
         let outline = outline.clone();
         let station_cells = course.station_cells();
-        let (origin, kept_runs) = (*origin, OnceLock::new());
-        Self { stations, station_cells, frames, slack, boxes, block_boxes, outline, origin, kept_runs }
+        let (origin, kept_runs) = (*origin, KeptRuns::default());
+        Self { stations, station_cells, frames, slack, growth, boxes, block_boxes, outline, origin, kept_runs }
     }
 
     /// Number of cells, at least one.
@@ -256,22 +226,18 @@ impl Sweep {
         }
         let world = |hull: Convex| hull.points().iter().map(|p| self.origin.world(*p)).collect();
         let ends = [self.frames[cell], self.frames[cell + 1]];
-        match self.outline.swept(ends, margins, self.slack[cell]) {
+        match self.outline.swept(ends, margins, self.slack[cell].at(margins.reach())) {
             Some(parts) => parts.hulls().map(world).collect(),
             None => vec![self.footprint(cell, margins)],
         }
     }
 
     pub(super) fn corners(&self, cell: usize, margins: &Margins) -> SweptCorners {
-        let body = self.outline.body().inflated(margins, self.slack[cell]);
         let ends = [self.frames[cell], self.frames[cell + 1]];
-        let [a, b, c, d] = body.corners(&ends[0]);
-        let [e, f, g, h] = body.corners(&ends[1]);
-        let parts = self.outline.swept(ends, margins, self.slack[cell]);
-        SweptCorners::new([a, b, c, d, e, f, g, h]).with_parts(parts)
+        self.outline.footprint(ends, margins, self.slack[cell].at(margins.reach()))
     }
 
-    pub(super) fn kept_runs(&self) -> &OnceLock<KeptRuns> {
+    pub(super) fn kept_runs(&self) -> &KeptRuns {
         &self.kept_runs
     }
 
@@ -287,14 +253,24 @@ impl Sweep {
         &self.boxes
     }
 
+    /// Inflation for which a box without margins contains the footprints with margins in it, m.
+    pub(super) fn reach(&self, margins: &Margins) -> f64 {
+        (1.0 + self.growth) * margins.reach()
+    }
+
+    /// The box around a cell with margins.
+    pub(super) fn cell_box(&self, cell: usize, margins: &Margins) -> Aabb {
+        inflated(self.boxes.cell(cell), self.reach(margins))
+    }
+
     /// `false` only if the oriented box of a block of cells, with margins, is apart from the piece.
     pub(super) fn block_may_meet(&self, block: usize, piece: &Convex, margins: &Margins) -> bool {
-        self.block_boxes[block].may_meet(piece, margins.reach())
+        self.block_boxes[block].may_meet(piece, self.reach(margins))
     }
 
     /// Calls `found` in order with every cell that may meet one of the pieces in the box `aabb`, by its box and its block.
     pub(super) fn cells_near(&self, aabb: &Aabb, pieces: &[Convex], margins: &Margins, mut found: impl FnMut(usize)) {
-        let reach = with_margins(aabb, margins);
+        let reach = inflated(aabb, self.reach(margins));
         self.boxes.visit_blocks(&reach, &mut |block| {
             if pieces.iter().any(|piece| self.block_may_meet(block, piece, margins)) {
                 let cells = FAN * block..(FAN * (block + 1)).min(self.cells());
@@ -400,15 +376,10 @@ impl BlockBox {
 }
 
 /// The oriented boxes of all blocks.
-fn block_boxes_of(body: &Body, frames: &[Frame], slack: &[f64]) -> Vec<BlockBox> {
-    let block = |(i, slack): (usize, &[f64])| {
-        let widest = slack.iter().fold(0.0, |a: f64, b| a.max(*b));
+fn block_boxes_of(body: &Body, frames: &[Frame], slack: &[Slack]) -> Vec<BlockBox> {
+    let block = |(i, slack): (usize, &[Slack])| {
+        let widest = slack.iter().fold(0.0, |a: f64, b| a.max(b.bare));
         BlockBox::around(&body.inflated(&Margins::NONE, widest), &frames[FAN * i..=FAN * i + slack.len()])
     };
     slack.chunks(FAN).enumerate().map(block).collect()
-}
-
-/// The query box for all cell boxes (without margins) whose footprint with `margins` may meet `aabb`.
-pub(super) fn with_margins(aabb: &Aabb, margins: &Margins) -> Aabb {
-    inflated(aabb, margins.reach())
 }

@@ -75,7 +75,7 @@ impl KeptPrefix {
             clearance: sweep
                 .as_ref()
                 .map_or(Self::EMPTY.clearance, |s| context.world.clearance(s, weights.desired_clearance)),
-            hit: sweep.as_ref().and_then(|s| context.world.static_hit_from_start(s, &root.allowance)),
+            hit: sweep.as_ref().and_then(|s| context.world.static_hit_from_start(s, &context.margins, &root.allowance)),
             sweeps: sweep.into_iter().map(Arc::new).collect(),
             allowance: Allowance {
                 no_margins_until: root.allowance.no_margins_until - length,
@@ -172,7 +172,7 @@ pub(super) fn checked(
     let mut probe = context.world.probe(start, spiral);
     let (hit, from) = match before.hit {
         Some(hit) => (Some(hit), before.length),
-        None => (probe.static_hit(&before.allowance), 0.0),
+        None => (probe.static_hit(&context.margins, &before.allowance), 0.0),
     };
     let clearance = probe.clearance(w.desired_clearance);
     let near = closeness(&clearance).min(closeness(&before.clearance));

@@ -37,7 +37,7 @@ pub use store::EdgeStore;
 
 use std::sync::Arc;
 
-use crate::collision::{Allowance, Blocker, CollisionWorld, Sweep};
+use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::reference::ReferenceLine;
@@ -197,6 +197,8 @@ pub struct LatticeContext<'a> {
     pub reference: &'a ReferenceLine,
     /// The static collision world.
     pub world: &'a CollisionWorld,
+    /// Margins of the collision checks.
+    pub margins: SafetyMargins,
     /// Bound of |curvature| of edges, 1/m.
     pub max_curvature: f64,
     /// Largest curvature that the vehicle can drive at its present speed, 1/m: the planned lateral acceleration over the
@@ -249,6 +251,7 @@ impl Lattice {
         store: &mut EdgeStore,
     ) -> SearchResult {
         let settings = &self.settings;
+        let store = store.of(&context.margins);
         let full_speed_curvature = context.full_speed_curvature;
         let query = store::SearchQuery { root: root.clone(), speed, full_speed_curvature, horizon };
         if let Some(result) = store.recent.get(&query) {

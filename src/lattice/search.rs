@@ -21,7 +21,7 @@ use rayon::prelude::*;
 use super::cost::{CostTerms, rank};
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::{Edge, KeptPrefix};
-use super::store::{EdgeStore, NodeEdges};
+use super::store::{CheckedEdges, NodeEdges};
 use super::{LatticeContext, LatticePath, Node, Root, SearchResult, Settings};
 use crate::trajectory::Path;
 
@@ -102,7 +102,7 @@ impl<'a> Search<'a> {
         stations: &[i64],
         horizon: f64,
         settings: &'a Settings,
-        store: &mut EdgeStore,
+        store: &mut CheckedEdges,
     ) -> Self {
         let (nodes, before) = (super::nodes(settings), KeptPrefix::root(context, root, &settings.weights));
         let mut search =
@@ -125,7 +125,7 @@ impl<'a> Search<'a> {
     }
 
     /// Adds the edges from all reached nodes of the last layer.
-    fn extend_from_layer(&mut self, pair: (i64, i64), store: &mut EdgeStore, incoming: &mut Vec<Incoming>) {
+    fn extend_from_layer(&mut self, pair: (i64, i64), store: &mut CheckedEdges, incoming: &mut Vec<Incoming>) {
         let mut is_reached = vec![false; self.nodes.len()];
         for step in self.layers.last().into_iter().flatten().filter(|step| !step.edge.ends_chain) {
             is_reached[step.edge.to] = true;
@@ -142,7 +142,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn root_edges(&self, station: i64, store: &mut EdgeStore) -> NodeEdges {
+    fn root_edges(&self, station: i64, store: &mut CheckedEdges) -> NodeEdges {
         // a vehicle that starts off the road or inside a margin may use nodes off the road
         let all = vec![true; self.nodes.len()];
         let is_on_road = self.root.allowance == crate::collision::Allowance::NONE;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::Edge;
 use super::{LatticeContext, Node, Root, SearchResult, Settings};
-use crate::collision::{Allowance, Blocker};
+use crate::collision::{Allowance, Blocker, SafetyMargins};
 use crate::geometry::spiral::CubicSpiral;
 
 /// Station indices of two consecutive layers.
@@ -30,11 +30,27 @@ impl NodeEdges {
     }
 }
 
-/// Cache of lattice edges. Edges between nodes depend only on the reference line and the static world and are valid for
-/// many cycles. The last results of [`super::Lattice::search`] are cached as well, since several attempts of a cycle repeat them. A
-/// store belongs to one reference line, one collision world and one set of settings.
+/// Cache of lattice edges. Edges between nodes depend only on the reference line, the static world and the margins, and are
+/// valid for many cycles. The last results of [`super::Lattice::search`] are cached as well, since several attempts of a cycle
+/// repeat them. A store belongs to one reference line, one static world and one set of settings; it keeps the edges of every
+/// margins apart.
 #[derive(Debug, Clone, Default)]
-pub struct EdgeStore {
+pub struct EdgeStore(Vec<(SafetyMargins, CheckedEdges)>);
+
+impl EdgeStore {
+    /// The edges checked with the margins.
+    pub(super) fn of(&mut self, margins: &SafetyMargins) -> &mut CheckedEdges {
+        let found = self.0.iter().position(|(of, _)| of == margins).unwrap_or_else(|| {
+            self.0.push((*margins, CheckedEdges::default()));
+            self.0.len() - 1
+        });
+        &mut self.0[found].1
+    }
+}
+
+/// The edges checked with the same margins.
+#[derive(Debug, Clone, Default)]
+pub(super) struct CheckedEdges {
     /// Edges by start node; `None` if not computed yet.
     layers: HashMap<LayerPair, Vec<Option<NodeEdges>>>,
     /// For each station index, whether each node is on the road.
@@ -42,7 +58,7 @@ pub struct EdgeStore {
     pub(super) recent: RecentResults,
 }
 
-impl EdgeStore {
+impl CheckedEdges {
     /// Drops everything behind a station, m.
     pub(super) fn drop_before(&mut self, station: f64, settings: &Settings) {
         let ahead = |index: i64| index as f64 * settings.grid >= station;
@@ -64,7 +80,8 @@ impl EdgeStore {
             let is_on_road = |node: &Node| {
                 node.point(context, s).is_some_and(|point| {
                     let mut here = context.world.probe(&point.pose, &CubicSpiral::straight(NODE_LENGTH));
-                    here.static_hit(&Allowance::NONE).is_none_or(|hit| hit.what != Blocker::RoadBoundary)
+                    here.static_hit(&context.margins, &Allowance::NONE)
+                        .is_none_or(|hit| hit.what != Blocker::RoadBoundary)
                 })
             };
             let on_road: Vec<bool> = nodes.iter().map(is_on_road).collect();

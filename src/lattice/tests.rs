@@ -80,11 +80,19 @@ fn with_context(obstacles: Vec<Obstacle>, test: impl FnOnce(&LatticeContext<'_>)
     let vehicle = crate::vehicle::load("bmw_320i").unwrap();
     let reference =
         ReferenceLine::new(&scenario.network, &[100, 101], vehicle.width, &ReferenceSettings::default()).unwrap();
-    let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
+    let world = fixtures::collision_world(&scenario, &vehicle, &CollisionSettings::default(), 5.0);
     let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
     // 9.5 m/s at the comfortable lateral acceleration
     let full_speed_curvature = 3.0 / 90.0;
-    test(&LatticeContext { reference: &reference, world: &world, max_curvature, full_speed_curvature, half_width });
+    let margins = CollisionSettings::default().margins();
+    test(&LatticeContext {
+        reference: &reference,
+        world: &world,
+        margins,
+        max_curvature,
+        full_speed_curvature,
+        half_width,
+    });
 }
 
 fn root(context: &LatticeContext<'_>, station: f64, offset: f64) -> Root {
@@ -219,7 +227,9 @@ proptest! {
             let stations = layers::ahead(context.reference, 4.0, 9.5, 60.0, &settings);
             let found = search(context, &root, 9.5, 60.0, &settings, &mut EdgeStore::default());
             assert_complete(&found.counts);
-            let eager = search::Search::new(context, &root, &stations, 60.0, &settings, &mut EdgeStore::default());
+            let mut store = EdgeStore::default();
+            let store = store.of(&context.margins);
+            let eager = search::Search::new(context, &root, &stations, 60.0, &settings, store);
             let eager = eager.run_eagerly();
             assert_eq!(eager.counts.unchecked, 0);
             assert_eq!(summary(&found.paths), summary(&eager.paths), "blocked chains included");

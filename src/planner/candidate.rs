@@ -4,7 +4,7 @@ use super::along::Along;
 use super::goal::GoalOnLane;
 use super::record::{BlockedCell, Cause, Rejection};
 use super::settings::Settings;
-use crate::collision::{Blocker, Predictions};
+use crate::collision::{Blocker, Margins, Predictions};
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_speed_limits, make_reachable};
@@ -21,6 +21,8 @@ pub(super) struct Situation<'a> {
     pub(super) settings: &'a Settings,
     /// Predictions of the moving obstacles that constrain proofs.
     pub(super) traffic: &'a Predictions,
+    /// Margins to them, m.
+    pub(super) margins: Margins,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
     pub(super) goal_missed_at: Option<f64>,
@@ -236,7 +238,7 @@ impl Situation<'_> {
         let along = Along::new(&path.path, self.reference, self.station);
         let (end, stops_for) = self.end_of_path(path, &along);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.traffic.blocked(&sweeps, self.time, self.horizon.max(self.time + 1.0));
+        let grid = self.traffic.blocked(&sweeps, &self.margins, self.time, self.horizon.max(self.time + 1.0));
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
             // no free cell: only a stopped vehicle has a plan here

@@ -14,7 +14,7 @@
 use std::sync::Arc;
 
 use super::settings::{ExtrapolatedMotion, Extrapolation, Settings, Uncertainty};
-use crate::collision::{CollisionSettings, CollisionWorld, Margins, SettingsError};
+use crate::collision::{CollisionSettings, CollisionWorld, SettingsError};
 use crate::geometry::{Point, Pose, Vector};
 use crate::map::{Map, Motion, Obstacle, Part, Shape, TimedOccupancy, TimedPose};
 use crate::vehicle::Vehicle;
@@ -25,8 +25,6 @@ const STEP: f64 = 0.5;
 const LONGEST: f64 = 60.0;
 /// Where less than this is left of a horizon that ends before the predictions, it is renewed, s.
 const RENEWED: f64 = 30.0;
-/// Remaining margin of the collision world without margins, m: the smallest tracking error.
-const BARE_MARGIN: Margins = Margins { lateral: 0.01, longitudinal: 0.01 };
 /// Station cells of the world at a fine resolution, m.
 const FINE_SPACING: f64 = 0.1;
 /// Time slices of the world at a fine resolution, s.
@@ -40,8 +38,8 @@ pub(super) struct Known {
     pub(super) horizon: f64,
     /// Counts the changes of the static obstacles.
     pub(super) statics: u64,
-    /// The collision worlds: with margins, without margins, without margins at a fine resolution.
-    pub(super) worlds: [CollisionWorld; 3],
+    /// The collision world, also at a fine resolution.
+    pub(super) worlds: [CollisionWorld; 2],
 }
 
 /// What changed with an observation.
@@ -86,7 +84,10 @@ impl Known {
         }
         let horizon = ends.min(now + LONGEST);
         let complete: Vec<Obstacle> = observed.iter().flat_map(|o| completed(o, now, settings)).collect();
-        self.worlds = worlds(map, &complete, vehicle, settings, horizon)?;
+        match change {
+            Change::Static => self.worlds = worlds(map, &complete, vehicle, settings, horizon)?,
+            _ => self.worlds = [0, 1].map(|i| self.worlds[i].with_predictions(&complete, horizon)),
+        }
         (self.observed, self.horizon) = (Arc::clone(observed), horizon);
         self.statics += u64::from(change == Change::Static);
         Ok(change)
@@ -99,27 +100,10 @@ fn worlds(
     vehicle: &Vehicle,
     settings: &Settings,
     horizon: f64,
-) -> Result<[CollisionWorld; 3], SettingsError> {
-    let bare = CollisionSettings {
-        static_obstacles: BARE_MARGIN,
-        moving_obstacles: BARE_MARGIN,
-        road: 0.0,
-        ..settings.collision
-    };
-    let fine = CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..bare };
-    // TODO one world
-    let scenario = crate::map::Scenario {
-        id: String::new(),
-        version: String::new(),
-        time_step: 0.1,
-        network: map.network.clone(),
-        obstacles: obstacles.to_vec(),
-        occupancy: map.occupancy.cloned(),
-        problems: Vec::new(),
-        issues: Vec::new(),
-    };
-    let world = |settings| CollisionWorld::new(&scenario, vehicle, settings, horizon);
-    Ok([world(&settings.collision)?, world(&bare)?, world(&fine)?])
+) -> Result<[CollisionWorld; 2], SettingsError> {
+    let fine = CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..settings.collision };
+    let world = |settings| CollisionWorld::new(map.network, map.occupancy, obstacles, vehicle, settings, horizon);
+    Ok([world(&settings.collision)?, world(&fine)?])
 }
 
 /// The end of the prediction with its extrapolation, s of the run; −∞ for what stands still.

@@ -27,7 +27,7 @@ pub(super) struct Lane {
     /// Station intervals in which stopping is not allowed, m.
     pub(super) no_stopping: Vec<(f64, f64)>,
     /// Cached lattice edges, for each collision world.
-    pub(super) stores: [EdgeStore; 3],
+    pub(super) stores: [EdgeStore; 2],
 }
 
 /// Why there is no lane to drive on.

@@ -10,6 +10,7 @@
 //!
 //! Weak: the lag of the drive, which is longer for some vehicles, is left to the tracking controller.
 
+use super::level::NO_MARGINS;
 use super::record::ExpectedContact;
 use super::unproven::first_contact;
 use super::{Planner, allowance_at};
@@ -119,12 +120,14 @@ impl Planner<'_> {
     pub(super) fn contact_during(&self, lead: &Lead) -> Option<ExpectedContact> {
         let path = lead.path()?;
         let profile = SpeedProfile::new(lead.knots.clone())?;
-        let world = &self.known.worlds[2];
+        let world = &self.known.worlds[1];
         let sweep = world.sweep_path(&path);
         let end = lead.end(0.0);
         let ends = end.time;
         let at = TrajectoryPoint { pose: lead.start, time: lead.begins, ..end };
-        let fixed = world.static_hit_from_start(&sweep, &allowance_at(world, &at)).map(|hit| (hit.station, hit.what));
+        let allowance = allowance_at(world, &NO_MARGINS, &at);
+        let hit = world.static_hit_from_start(&sweep, &NO_MARGINS, &allowance);
+        let fixed = hit.map(|hit| (hit.station, hit.what));
         first_contact(world.predictions(), &[&sweep], fixed, &profile, (lead.begins, ends))
     }
 }

@@ -7,6 +7,7 @@
 //! `unproven`.
 
 use super::Planner;
+use crate::collision::{Margins, SafetyMargins};
 use crate::vehicle::ProofLimits;
 
 /// What a plan demands of the vehicle, its passengers and other traffic; ordered, the gentlest first.
@@ -60,6 +61,8 @@ pub(super) struct LevelLimits {
     pub(super) level: Level,
     /// Index of the collision world.
     pub(super) world: usize,
+    /// Margins of the collision checks.
+    pub(super) margins: SafetyMargins,
     /// Largest acceleration, m/s².
     pub(super) acceleration: f64,
     /// Deceleration of nominal braking, m/s².
@@ -87,6 +90,7 @@ impl Planner<'_> {
         let first = LevelLimits {
             level: Level::Comfort,
             world: 0,
+            margins: self.settings.collision.margins(),
             acceleration: comfort.acceleration,
             braking: comfort.deceleration,
             deceleration: comfort.aggressive_deceleration,
@@ -99,8 +103,13 @@ impl Planner<'_> {
         };
         let short_gap = LevelLimits { level: Level::ShortGap, time_gap: SHORT_GAP, ..first };
         let in_junction = LevelLimits { level: Level::StopInJunction, junctions_kept_free: false, ..short_gap };
-        let no_margin =
-            LevelLimits { level: Level::NoMargin, time_gap: 0.0, world: 1, search_share: 1.0, ..in_junction };
+        let no_margin = LevelLimits {
+            level: Level::NoMargin,
+            time_gap: 0.0,
+            margins: NO_MARGINS,
+            search_share: 1.0,
+            ..in_junction
+        };
         let mut levels = vec![first, short_gap, in_junction, no_margin];
         levels.extend(self.emergency_levels(&self.limits));
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
@@ -117,7 +126,8 @@ impl Planner<'_> {
             let is_fast = e.acceleration > self.vehicle.comfort.acceleration;
             LevelLimits {
                 level: Level::Emergency(index),
-                world: 1,
+                world: 0,
+                margins: NO_MARGINS,
                 acceleration: e.acceleration.min(limits.acceleration()),
                 braking: NOMINAL_SHARE * deceleration,
                 deceleration,
@@ -132,12 +142,15 @@ impl Planner<'_> {
         let mut levels: Vec<LevelLimits> = (0..).zip(&self.settings.emergency).map(one).collect();
         let is_proven = self.committed.as_ref().is_some_and(|c| c.level.is_proven());
         if let Some(hardest) = levels.last().copied().filter(|_| !is_proven) {
-            levels.push(LevelLimits { world: 2, ..hardest });
+            levels.push(LevelLimits { world: 1, ..hardest });
         }
         levels
     }
 }
 
+/// The margins of the levels without margins, m: the smallest tracking error.
+pub(super) const NO_MARGINS: SafetyMargins =
+    SafetyMargins { static_obstacles: Margins::uniform(0.01), moving_obstacles: Margins::uniform(0.01), road: 0.0 };
 /// Fraction of the comfortable lateral acceleration that paths may use; the tracking controller has the remainder.
 const LATERAL_HEADROOM: f64 = 0.9;
 /// Fraction of the aggressive deceleration that the search uses; a jerk-limited stop needs the remainder to build up.

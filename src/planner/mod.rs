@@ -60,7 +60,7 @@ use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
-use crate::collision::{Allowance, Blocker, CollisionWorld, Sweep};
+use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
 use crate::map::{Goal, Map};
@@ -109,8 +109,9 @@ struct Committed {
     is_refined: bool,
     /// Length of its lead, m.
     lead: f64,
-    /// Index of the collision world of its proof.
+    /// Index of the collision world of its proof, and the margins.
     world: usize,
+    margins: SafetyMargins,
     /// Swept footprints along its path.
     sweeps: Vec<Arc<Sweep>>,
     /// The static obstacles of its proof: [`Known::statics`].
@@ -355,12 +356,12 @@ impl<'m> Planner<'m> {
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
         let world = &self.known.worlds[level.world];
-        let roots = self.roots(start, world);
+        let roots = self.roots(start, world, &level.margins);
         let full_speed_curvature = self.full_speed_curvature(start, level);
         let weights = self.settings.lattice.weights;
         let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let context = context(&self.vehicle, &lane.reference, world, full_speed_curvature);
+        let context = context(&self.vehicle, &lane.reference, (world, level.margins), full_speed_curvature);
         // the cost of postponing a lane change that the goal requires rises as time and distance run out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
@@ -390,9 +391,9 @@ impl<'m> Planner<'m> {
         planned_lateral(&self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
     }
 
-    fn roots(&self, start: &Start, world: &CollisionWorld) -> Vec<Root> {
+    fn roots(&self, start: &Start, world: &CollisionWorld, margins: &SafetyMargins) -> Vec<Root> {
         let p = &start.point;
-        let allowance = allowance_at(world, p);
+        let allowance = allowance_at(world, margins, p);
         let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
         let kept = committed_plan(self.committed.as_ref(), start).and_then(|plan| plan.kept());
         let kept =
@@ -405,6 +406,7 @@ impl<'m> Planner<'m> {
             vehicle: &self.vehicle,
             settings: &self.settings,
             traffic: self.predictions_for(&level),
+            margins: level.margins.moving_obstacles,
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -454,6 +456,7 @@ impl<'m> Planner<'m> {
             trajectory: start.lead.followed_by(&choice.path.path, &profile),
             lead: start.lead.length(),
             world: level.world,
+            margins: level.margins,
             path_cost: choice.path.terms.total() - choice.path.terms.plan_change,
             sweeps: lead.into_iter().chain(choice.path.sweeps).collect(),
             statics: self.known.statics,
@@ -528,13 +531,13 @@ const STANDSTILL_SPEED: f64 = 0.02;
 const ON_LANE: f64 = 0.8;
 
 /// The allowance of collision checks for a vehicle that stands inside a margin or partly off the road.
-fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
+fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryPoint) -> Allowance {
     /// Distance within which the vehicle must leave a margin, m.
     const LEAVE_MARGIN: f64 = 6.0;
     /// Distance within which the vehicle must return to the road, m.
     const RETURN_TO_ROAD: f64 = 15.0;
     let here = world.sweep(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
-    if world.static_hit(&here).is_none() {
+    if world.static_hit(&here, margins).is_none() {
         return Allowance::NONE;
     }
     let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);
@@ -548,11 +551,11 @@ fn allowance_at(world: &CollisionWorld, p: &TrajectoryPoint) -> Allowance {
 fn context<'a>(
     vehicle: &Vehicle,
     reference: &'a ReferenceLine,
-    world: &'a CollisionWorld,
+    (world, margins): (&'a CollisionWorld, SafetyMargins),
     full_speed_curvature: f64,
 ) -> LatticeContext<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
-    LatticeContext { reference, world, max_curvature, full_speed_curvature, half_width }
+    LatticeContext { reference, world, margins, max_curvature, full_speed_curvature, half_width }
 }
 
 /// The committed plan, if planning starts on it.

@@ -8,10 +8,11 @@
 //! A plan with margins that holds only without them goes on as one without. A plan that holds no more is one without a proof:
 //! [`Level::Unproven`].
 
-use super::level::Level;
+use super::level::{Level, NO_MARGINS};
 use super::{Committed, Planner, allowance_at};
+use crate::collision::SafetyMargins;
 use crate::speed::{AccelerationLimits, SpeedProblem, prove};
-use crate::trajectory::{Path, TrajectoryPoint};
+use crate::trajectory::Path;
 use crate::vehicle::State;
 
 /// Tolerance of a changed limit, m/s².
@@ -23,38 +24,40 @@ impl Planner<'_> {
     /// Proves the rest of the committed plan for what is known now, and sets its level accordingly.
     pub(super) fn verify_committed(&mut self, state: &State) {
         let Some(committed) = self.committed.take_if(|c| c.level.is_proven()) else { return };
-        let as_before = (committed.level, committed.world, committed.robust);
-        let bare = (committed.level.max(Level::NoMargin), BARE, false);
-        let weaker = [as_before, (committed.level, committed.world, false), bare];
-        let holds = weaker.into_iter().find(|(_, world, robust)| self.holds(&committed, *world, *robust, state.time));
-        let (level, world, robust) = holds.unwrap_or((Level::Unproven, committed.world, false));
+        let as_before = (committed.level, committed.margins, committed.robust);
+        let bare = (committed.level.max(Level::NoMargin), NO_MARGINS, false);
+        let weaker = [as_before, (committed.level, committed.margins, false), bare];
+        let holds =
+            weaker.into_iter().find(|(_, margins, robust)| self.holds(&committed, margins, *robust, state.time));
+        let (level, margins, robust) = holds.unwrap_or((Level::Unproven, committed.margins, false));
         let statics = self.known.statics;
-        self.committed = Some(Committed { level, world, robust, statics, ..committed });
+        self.committed = Some(Committed { level, margins, robust, statics, ..committed });
     }
 
-    fn holds(&self, plan: &Committed, world: usize, robust: bool, now: f64) -> bool {
+    fn holds(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {
         plan.deceleration <= self.limits.deceleration() + ACCELERATION_SLACK
-            && (plan.statics == self.known.statics || self.is_free_of_statics(plan, world, now))
-            && self.is_free_of_traffic(plan, world, robust, now)
+            && (plan.statics == self.known.statics || self.is_free_of_statics(plan, margins, now))
+            && self.is_free_of_traffic(plan, margins, robust, now)
     }
 
     /// Whether the part of the path that is still ahead is free of static obstacles, up to the standstill.
-    fn is_free_of_statics(&self, plan: &Committed, world: usize, now: f64) -> bool {
-        let (world, here) = (&self.known.worlds[world], plan.trajectory.at(now));
+    fn is_free_of_statics(&self, plan: &Committed, margins: &SafetyMargins, now: f64) -> bool {
+        let (world, here) = (&self.known.worlds[plan.world], plan.trajectory.at(now));
         let ahead = Path::new(here.pose, &plan.trajectory.path.part(here.station, f64::INFINITY));
         let Some(ahead) = ahead else { return true };
-        let allowance = allowance_at(world, &TrajectoryPoint { station: 0.0, ..here });
-        let hit = world.probe_path(&ahead).static_hit(&allowance);
+        let allowance = allowance_at(world, margins, &here);
+        let hit = world.probe_path(&ahead).static_hit(margins, &allowance);
         hit.is_none_or(|hit| here.station + hit.station >= plan.trajectory.profile.last().station - STATION_SLACK)
     }
 
-    fn is_free_of_traffic(&self, plan: &Committed, world: usize, robust: bool, now: f64) -> bool {
+    fn is_free_of_traffic(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {
         let (trajectory, horizon) = (&plan.trajectory, self.known.horizon.max(now + 1.0));
         let sweeps: Vec<_> = plan.sweeps.iter().map(AsRef::as_ref).collect();
         if sweeps.is_empty() {
             return true;
         }
-        let grid = self.predictions_in(world, robust).blocked(&sweeps, now, horizon);
+        let predictions = self.predictions_in(plan.world, robust);
+        let grid = predictions.blocked(&sweeps, &margins.moving_obstacles, now, horizon);
         let ahead = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from.max(now), b.to)).collect::<Vec<_>>();
         let stations = grid.stations().to_vec();
         let problem = SpeedProblem {
@@ -75,6 +78,3 @@ impl Planner<'_> {
         prove(&problem, &trajectory.profile).is_ok()
     }
 }
-
-/// Index of the collision world without margins.
-const BARE: usize = 1;

@@ -34,7 +34,7 @@ use std::sync::OnceLock;
 
 use super::Planner;
 use super::known::Change;
-use super::level::LevelLimits;
+use super::level::{Level, LevelLimits};
 use super::settings::{RearTraffic, UncertaintyMode};
 use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
 use crate::geometry::Point;
@@ -52,9 +52,9 @@ pub(super) struct Traffic {
     /// Obstacles with the time interval in which they do not constrain proofs (s), in the order of the observation.
     yielding: Vec<(i64, (f64, f64))>,
     /// For each collision world: the predictions without these intervals. Valid while `yielding` does not change.
-    binding: [OnceLock<Predictions>; 3],
+    binding: [OnceLock<Predictions>; 2],
     /// For each collision world: the reachable sets of this cycle.
-    reachable: [OnceLock<Predictions>; 3],
+    reachable: [OnceLock<Predictions>; 2],
 }
 
 /// Length of the ego path behind the vehicle, m. Obstacles farther behind constrain proofs.
@@ -114,7 +114,7 @@ impl Planner<'_> {
         match self.settings.uncertainty.mode {
             UncertaintyMode::Off => levels,
             UncertaintyMode::Preferred => {
-                let with_margins = levels.iter().filter(|r| r.world == 0).map(robust);
+                let with_margins = levels.iter().filter(|r| r.level < Level::NoMargin).map(robust);
                 with_margins.chain(levels.iter().copied()).collect()
             }
             UncertaintyMode::Required => levels.iter().map(robust).collect(),
@@ -146,7 +146,7 @@ impl Traffic {
 
     fn predictions_in<'t>(
         &'t self,
-        worlds: &'t [CollisionWorld; 3],
+        worlds: &'t [CollisionWorld; 2],
         (world, robust): (usize, bool),
         bounds: &MotionBounds,
     ) -> &'t Predictions {

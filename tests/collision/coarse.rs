@@ -38,16 +38,16 @@ fn coarse_to_fine_and_flat_agree() {
             let path = Path::new(start, &spirals).unwrap();
             let sweep = world.sweep_path(&path);
             let mut probe = world.probe_path(&path);
-            let flat = world.static_hit_from_start(&sweep, &allowance);
+            let flat = world.static_hit_from_start(&sweep, &world.margins, &allowance);
             assert_eq!(probe.cells(), sweep.cells());
             // in both orders: the first query must not change the result of the second
             let cap = random.within(0.1, 3.0);
             if random.next() < 0.5 {
-                assert_eq!(probe.static_hit(&allowance), flat, "{start:?} {spirals:?} {allowance:?}");
+                assert_eq!(probe.static_hit(&world.margins, &allowance), flat, "{start:?} {spirals:?} {allowance:?}");
                 assert_eq!(probe.clearance(cap), world.clearance(&sweep, cap), "{start:?} {spirals:?}");
             } else {
                 assert_eq!(probe.clearance(cap), world.clearance(&sweep, cap), "{start:?} {spirals:?}");
-                assert_eq!(probe.static_hit(&allowance), flat, "{start:?} {spirals:?} {allowance:?}");
+                assert_eq!(probe.static_hit(&world.margins, &allowance), flat, "{start:?} {spirals:?} {allowance:?}");
             }
             seen[match flat {
                 None => 0,

@@ -1,6 +1,6 @@
 //! Occupied cells of synthetic grids.
 
-use stopline::collision::{Allowance, Blocker, CollisionSettings};
+use stopline::collision::{Blocker, CollisionSettings};
 use stopline::geometry::Pose;
 use stopline::map::{Cell, OccupancyGrid};
 
@@ -24,8 +24,7 @@ fn occupied_cells_block_and_unknown_ones_if_configured() {
         scenario.occupancy = Some(grid_of(turned, 0.4, 1, vec![cell]));
         let world = world(&scenario, &CollisionSettings { unknown_is_occupied, ..no_margins() });
         let start = Pose::new(0.0, 0.0, 0.0);
-        let hit = world.static_hit(&world.sweep(&start, &straight(40.0)));
-        assert_eq!(world.probe(&start, &straight(40.0)).static_hit(&Allowance::NONE), hit);
+        let hit = world.hit(&start, &straight(40.0));
         assert_eq!(hit.map(|h| h.what), seen.then_some(Blocker::OccupiedCell), "{cell:?}");
         if let Some(hit) = hit {
             let truth = 30.0 - vehicle().front_overhang_from_rear_axle();

@@ -1,7 +1,9 @@
 //! Worlds, shapes and simple brute-force geometry that the tests share.
 
 use proptest::prelude::*;
-use stopline::collision::{CollisionSettings, CollisionWorld, Margins};
+use stopline::collision::{
+    Allowance, BlockedGrid, CollisionSettings, CollisionWorld, Margins, SafetyMargins, StaticHit, Sweep,
+};
 use stopline::fixtures::{self, straight_lanelet};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
@@ -32,8 +34,41 @@ pub(crate) fn no_margins() -> CollisionSettings {
     }
 }
 
-pub(crate) fn world(scenario: &Scenario, settings: &CollisionSettings) -> CollisionWorld {
-    CollisionWorld::new(scenario, &vehicle(), settings, 10.0).unwrap()
+pub(crate) fn world(scenario: &Scenario, settings: &CollisionSettings) -> World {
+    World { world: fixtures::collision_world(scenario, &vehicle(), settings, 10.0), margins: settings.margins() }
+}
+
+/// A collision world with the margins of all queries.
+pub(crate) struct World {
+    world: CollisionWorld,
+    pub(crate) margins: SafetyMargins,
+}
+
+impl std::ops::Deref for World {
+    type Target = CollisionWorld;
+
+    fn deref(&self) -> &CollisionWorld {
+        &self.world
+    }
+}
+
+impl World {
+    pub(crate) fn hit(&self, start: &Pose, spiral: &CubicSpiral) -> Option<StaticHit> {
+        self.hit_from_start(start, spiral, &Allowance::NONE)
+    }
+
+    pub(crate) fn hit_from_start(
+        &self,
+        start: &Pose,
+        spiral: &CubicSpiral,
+        allowance: &Allowance,
+    ) -> Option<StaticHit> {
+        self.probe(start, spiral).static_hit(&self.margins, allowance)
+    }
+
+    pub(crate) fn blocked(&self, sweeps: &[&Sweep], from: f64, to: f64) -> BlockedGrid {
+        self.world.blocked(sweeps, &self.margins, from, to)
+    }
 }
 
 pub(crate) fn footprint(pose: &Pose) -> Vec<Point> {

@@ -11,7 +11,7 @@ mod random;
 
 use helpers::*;
 use proptest::prelude::*;
-use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins};
+use stopline::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins, SafetyMargins};
 use stopline::fixtures::straight_lanelet;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
@@ -31,8 +31,7 @@ proptest! {
         let place = Pose { position: near.position + near.left() * aside, yaw: near.yaw + turn };
         let parts: Vec<_> = shape.convex_parts().iter().map(|p| p.at(&place)).collect();
         let world = world(&scenario(plain(), vec![obstacle(9, shape, Motion::Static(place))]), &no_margins());
-        let sweep = world.sweep(&start, &spiral);
-        let hit = world.static_hit(&sweep);
+        let hit = world.hit(&start, &spiral);
         let truth = dense(&start, &spiral, 0.01).into_iter().find(|(_, pose)| overlaps(pose, &parts, 1e-9));
         if let Some((s, pose)) = truth {
             let Some(hit) = hit else { panic!("missed the overlap at {s} {pose:?}") };
@@ -95,10 +94,9 @@ proptest! {
             }))
         };
         prop_assume!(!leaves(&start));
-        let sweep = world.sweep(&start, &driven);
         let truth = dense(&start, &driven, 0.05).into_iter().find(|(_, pose)| leaves(pose));
         if let Some((s, pose)) = truth {
-            let Some(hit) = world.static_hit(&sweep) else { panic!("missed the boundary at {s} {pose:?}") };
+            let Some(hit) = world.hit(&start, &driven) else { panic!("missed the boundary at {s} {pose:?}") };
             prop_assert!(hit.station <= s, "hit at {}, boundary at {s}", hit.station);
             prop_assert_eq!(hit.what, Blocker::RoadBoundary);
         }
@@ -154,10 +152,11 @@ proptest! {
             let road = vec![if flip > 0.0 { lanelet(1, bound(-7.0), bound(9.0)) } else { lanelet(1, bound(9.0), bound(-7.0)) }];
             let world = world(&scenario(road, vec![parked, moving]), &CollisionSettings::default());
             let knots = spiral.knots.map(|k| flip * k);
-            let sweep = world.sweep(&put(Pose::new(0.0, 0.0, 0.1)), &CubicSpiral { knots, ..spiral });
-            let hit = world.static_hit(&sweep).map(|h| (h.cell, h.what));
+            let (start, spiral) = (put(Pose::new(0.0, 0.0, 0.1)), CubicSpiral { knots, ..spiral });
+            let sweep = world.sweep(&start, &spiral);
+            let hit = world.hit(&start, &spiral).map(|h| (h.cell, h.what));
             let blocked: Vec<_> = world.blocked(&[&sweep], 0.0, 5.0).blocked_cells().map(|(_, t)| t).collect();
-            (hit, blocked, world.clearance(&sweep, 2.0))
+            (hit, blocked, world.probe(&start, &spiral).clearance(2.0))
         };
         let plain = ask(1.0, Vector::zeros());
         for other in [ask(-1.0, Vector::zeros()), ask(1.0, Vector::new(1e6, -3e6)), ask(-1.0, Vector::new(-1e6, 4e6))] {
@@ -184,14 +183,14 @@ fn a_hairline_gap_between_neighbours_is_closed() {
     for (g, expected) in [(0.0, 1), (0.01, 1), (0.015, 2), (0.5, 2)] {
         let world = world(&scenario(gap(g), vec![]), &CollisionSettings::default());
         assert_eq!(rings(&world), expected, "gap {g}");
-        let sweep = world.sweep(&Pose::new(10.0, 0.0, 0.0), &straight(50.0));
-        assert_eq!(world.static_hit(&sweep).is_none(), expected == 1, "gap {g}");
+        let hit = world.hit(&Pose::new(10.0, 0.0, 0.0), &straight(50.0));
+        assert_eq!(hit.is_none(), expected == 1, "gap {g}");
     }
     // one after the other
     let behind = vec![straight_lanelet(1, (0.0, 50.0), -2.0, 2.0), straight_lanelet(2, (50.01, 100.0), -2.0, 2.0)];
     let world = world(&scenario(behind, vec![]), &CollisionSettings::default());
     assert_eq!(rings(&world), 1);
-    assert!(world.static_hit(&world.sweep(&Pose::new(5.0, 0.0, 0.0), &straight(80.0))).is_none());
+    assert!(world.hit(&Pose::new(5.0, 0.0, 0.0), &straight(80.0)).is_none());
 }
 
 #[test]
@@ -228,8 +227,8 @@ fn a_roundabout_has_its_island() {
         Point::new(9.0, 0.5)
     ]));
     let round = CubicSpiral { knots: [0.1; 4], length: 60.0 };
-    assert!(world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 4.0), &round)).is_none());
-    let hit = world.static_hit(&world.sweep(&Pose::new(10.0, 0.0, tau / 2.0), &straight(10.0))).unwrap();
+    assert!(world.hit(&Pose::new(10.0, 0.0, tau / 4.0), &round).is_none());
+    let hit = world.hit(&Pose::new(10.0, 0.0, tau / 2.0), &straight(10.0)).unwrap();
     assert_eq!((hit.what, hit.cell), (Blocker::RoadBoundary, 0));
 }
 
@@ -243,7 +242,7 @@ fn detects_an_island_inside_the_footprint() {
         straight_lanelet(4, (0.2, 20.0), -0.2, 0.2),
     ];
     let world = world(&scenario(lanes, vec![]), &CollisionSettings::default());
-    let hit = world.static_hit(&world.sweep(&Pose::new(-10.0, 0.0, 0.0), &straight(20.0))).unwrap();
+    let hit = world.hit(&Pose::new(-10.0, 0.0, 0.0), &straight(20.0)).unwrap();
     // front bumper 3.68 m ahead, near side of the hole at −0.2
     assert!((6.0..=6.2).contains(&hit.station) || hit.station == 6.0, "{hit:?}");
     let overlap = world.start_overlap(&Pose::new(-1.4, 0.0, 0.0), 0.0).unwrap();
@@ -256,13 +255,13 @@ fn a_road_as_wide_as_the_vehicle_and_its_margin_is_free() {
     let half = 0.5 * vehicle().width;
     let fits = |spare: f64| {
         let world = world(&scenario(straight_road(80.0, half + spare), vec![]), &CollisionSettings::default());
-        world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(50.0))).is_none()
+        world.hit(&Pose::new(0.0, 0.0, 0.0), &straight(50.0)).is_none()
     };
     assert!(fits(0.06));
     assert!(!fits(0.049));
     let bare = |spare: f64| {
         let world = world(&scenario(straight_road(80.0, half + spare), vec![]), &no_margins());
-        world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(50.0))).is_none()
+        world.hit(&Pose::new(0.0, 0.0, 0.0), &straight(50.0)).is_none()
     };
     assert!(bare(0.01));
     assert!(!bare(-0.001));
@@ -271,7 +270,7 @@ fn a_road_as_wide_as_the_vehicle_and_its_margin_is_free() {
 #[test]
 fn the_end_of_the_road_blocks_the_right_cell() {
     let world = world(&scenario(straight_road(50.0, 3.0), vec![]), &no_margins());
-    let hit = world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(60.0))).unwrap();
+    let hit = world.hit(&Pose::new(0.0, 0.0, 0.0), &straight(60.0)).unwrap();
     let truth = 50.0 - vehicle().front_overhang_from_rear_axle();
     assert!(hit.station <= truth && truth < hit.station + 0.55, "{hit:?}, expected {truth}");
 }
@@ -305,17 +304,14 @@ fn degenerate_lanelets_have_their_area() {
     // a lanelet without width has no area and causes no panic
     let world = world(&scenario(vec![lanelet(1, low.clone(), low)], vec![]), &CollisionSettings::default());
     assert!(!world.statics().road().contains(Point::new(5.0, 1.0)));
-    assert_eq!(
-        world.static_hit(&world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(5.0))).unwrap().what,
-        Blocker::RoadBoundary
-    );
+    assert_eq!(world.hit(&Pose::new(0.0, 0.0, 0.0), &straight(5.0)).unwrap().what, Blocker::RoadBoundary);
 }
 
 #[test]
 fn a_map_without_lanelets_has_no_road() {
     let world = world(&scenario(vec![], vec![]), &CollisionSettings::default());
     assert!(world.statics().road().is_empty());
-    let hit = world.static_hit(&world.sweep(&Pose::new(1e6, 0.0, 0.0), &straight(5.0))).unwrap();
+    let hit = world.hit(&Pose::new(1e6, 0.0, 0.0), &straight(5.0)).unwrap();
     assert_eq!((hit.cell, hit.what), (0, Blocker::RoadBoundary));
 }
 
@@ -329,10 +325,9 @@ fn a_start_partly_off_the_road_has_a_depth_and_an_allowance() {
     assert!((overlap.depth - 0.294).abs() < 1e-3, "{overlap:?}");
     assert!(world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0).is_none());
     let back = CubicSpiral { knots: [-0.05, -0.02, 0.02, 0.05], length: 20.0 };
-    let sweep = world.sweep(&start, &back);
-    assert_eq!(world.static_hit(&sweep).unwrap().cell, 0);
+    assert_eq!(world.hit(&start, &back).unwrap().cell, 0);
     let allowance = Allowance { no_margins_until: 12.0, no_road_until: 12.0 };
-    let later = world.static_hit_from_start(&sweep, &allowance);
+    let later = world.hit_from_start(&start, &back, &allowance);
     assert!(later.is_none_or(|hit| hit.station >= 12.0), "{later:?}");
 }
 
@@ -455,8 +450,8 @@ fn hits_include_margins_and_clearance_does_not() {
     let at = |gap: f64| {
         let parked = obstacle(7, Shape::rectangle(4.0, 2.0), Motion::Static(Pose::new(15.0, 1.0 + 0.805 + gap, 0.0)));
         let world = world(&scenario(plain(), vec![parked]), &CollisionSettings::default());
-        let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &straight(30.0));
-        (world.static_hit(&sweep).is_some(), world.clearance(&sweep, 2.0))
+        let (start, ahead) = (Pose::new(0.0, 0.0, 0.0), straight(30.0));
+        (world.hit(&start, &ahead).is_some(), world.probe(&start, &ahead).clearance(2.0))
     };
     assert!(at(0.19).0 && !at(0.21).0);
     assert!((at(0.5).1.obstacle - 0.5).abs() < 1e-9);
@@ -471,7 +466,7 @@ fn rejects_settings_out_of_range() {
     let bad = CollisionSettings { time_slice: f64::NAN, ..CollisionSettings::default() };
     assert_eq!(bad.validate().unwrap_err().field, "time_slice");
     let bad = CollisionSettings { road: -0.1, ..CollisionSettings::default() };
-    assert!(CollisionWorld::new(&scenario(plain(), vec![]), &vehicle(), &bad, 1.0).is_err());
+    assert!(CollisionWorld::new(&network(plain()), None, &[], &vehicle(), &bad, 1.0).is_err());
     assert!(toml::from_str::<CollisionSettings>("spacing = 0.25").is_ok_and(|s| s.spacing == 0.25 && s.road == 0.05));
     assert!(toml::from_str::<CollisionSettings>("spacings = 0.25").is_err());
 }
@@ -501,7 +496,7 @@ fn published_maps_contain_every_lanelet() {
         let name = file.file_name().unwrap().to_string_lossy().into_owned();
         let scenario = stopline::io::commonroad::read_file(file).unwrap();
         let clock = std::time::Instant::now();
-        let world = CollisionWorld::new(&scenario, &vehicle(), &CollisionSettings::default(), 30.0).unwrap();
+        let world = stopline::fixtures::collision_world(&scenario, &vehicle(), &CollisionSettings::default(), 30.0);
         let built = clock.elapsed();
         let road = world.statics().road();
         let outer = road.rings().filter(|r| ring_area(r) > 0.0).count();
@@ -537,4 +532,65 @@ fn published_maps_contain_every_lanelet() {
 
 fn ring_area(ring: &[Point]) -> f64 {
     (1..ring.len() - 1).map(|i| 0.5 * cross(ring[i] - ring[0], ring[i + 1] - ring[0])).sum()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// The margins of a query decide, not the settings that the world was built with: to the bit.
+    #[test]
+    fn margins_of_a_query_equal_a_world_built_with_them(seed in 1..10_000u64, built in margins(), queried in margins()) {
+        let mut random = random::Random::new(seed);
+        let map = random::RandomMap::new(&mut random, 20);
+        let of = |m: SafetyMargins| CollisionSettings {
+            static_obstacles: m.static_obstacles, moving_obstacles: m.moving_obstacles, road: m.road, ..CollisionSettings::default()
+        };
+        let (start, spiral) = (map.start(&mut random), random.spiral(0.2, (2.0, 30.0)));
+        let states = (0..60).map(|i| TimedPose { time: 0.1 * f64::from(i), pose: start.advanced(8.0 + 0.4 * f64::from(i)), speed: 4.0 });
+        let moving = obstacle(900, Shape::rectangle(4.0, 1.8), Motion::Trajectory(states.collect()));
+        let mut scenario = map.scenario.clone();
+        scenario.obstacles.push(moving);
+        let (one, own) = (world(&scenario, &of(built)), world(&scenario, &of(queried)));
+        let sweep = one.sweep(&start, &spiral);
+        // a query with other margins before must leave no trace in the sweep
+        let _ = one.blocked(&[&sweep], 0.0, 6.0);
+        let ask = |world: &World, sweep| {
+            let mut probe = world.probe(&start, &spiral);
+            let hit = probe.static_hit(&queried, &Allowance::NONE);
+            (hit, probe.clearance(1.0), CollisionWorld::blocked(world, &[sweep], &queried, 0.0, 6.0))
+        };
+        prop_assert_eq!(ask(&one, &sweep), ask(&own, &own.sweep(&start, &spiral)));
+    }
+
+    /// A world with renewed predictions answers like a new one, and its origin does not move.
+    #[test]
+    fn renewed_predictions_equal_those_of_a_new_world(seed in 1..10_000u64, speed in 0.0..12.0f64, ahead in -5.0..30.0f64) {
+        let mut random = random::Random::new(seed);
+        let map = random::RandomMap::new(&mut random, 10);
+        let (start, spiral) = (map.start(&mut random), random.spiral(0.1, (10.0, 30.0)));
+        let driving = |speed: f64, ahead: f64, until: f64| stopline::fixtures::driving(77, start.advanced(ahead), speed, until);
+        let with = |moving: Obstacle| {
+            let mut scenario = map.scenario.clone();
+            scenario.obstacles.push(moving);
+            world(&scenario, &CollisionSettings::default())
+        };
+        let (old, new) = (with(driving(5.0, 2e3, 4.0)), with(driving(speed, ahead, 8.0)));
+        let renewed = old.with_predictions(&[driving(speed, ahead, 8.0)], 10.0);
+        let sweep = renewed.sweep(&start, &spiral);
+        // the cache of a sweep must not survive its predictions
+        let _ = old.blocked(&[&sweep], 0.0, 8.0);
+        prop_assert_eq!(renewed.blocked(&[&sweep], &new.margins, 0.0, 8.0), new.blocked(&[&new.sweep(&start, &spiral)], 0.0, 8.0));
+        let hit = |world: &CollisionWorld| world.probe(&start, &spiral).static_hit(&new.margins, &Allowance::NONE);
+        prop_assert_eq!(hit(&renewed), hit(&new));
+        prop_assert_eq!(renewed.start_overlap(&start, 1.0), new.start_overlap(&start, 1.0));
+    }
+}
+
+fn margins() -> impl Strategy<Value = SafetyMargins> {
+    let both = || (0.0..0.6f64, 0.0..0.6f64).prop_map(|(lateral, longitudinal)| Margins { lateral, longitudinal });
+    (both(), both(), 0.0..0.4f64).prop_map(|(static_obstacles, moving_obstacles, road)| SafetyMargins {
+        static_obstacles,
+        moving_obstacles,
+        road,
+    })
 }

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use stopline::collision::Allowance;
 use stopline::geometry::{Point, Pose};
 use stopline::io::ros_map;
 use stopline::map::{Cell, OccupancyGrid};
@@ -64,8 +63,7 @@ fn sweeps_over_published_grids_agree_with_sampled_points() {
             let n = (spiral.length / 0.05).ceil() as usize;
             let poses: Vec<(f64, Pose)> = spiral.samples(&start, n).map(|(s, p)| (s, p.pose)).collect();
             let truth = poses.iter().find(|(_, pose)| touches(&grid, pose, -1e-9, 0.4 * grid.resolution()));
-            let hit = world.static_hit(&world.sweep(&start, &spiral));
-            assert_eq!(world.probe(&start, &spiral).static_hit(&Allowance::NONE), hit);
+            let hit = world.hit(&start, &spiral);
             match (truth, hit) {
                 (Some((s, pose)), None) => panic!("{}: missed at {s} m, {pose:?}", path.display()),
                 (Some((s, _)), Some(hit)) => assert!(hit.station <= *s, "{hit:?}, expected {s}"),

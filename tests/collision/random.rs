@@ -1,12 +1,12 @@
 //! Random maps from a seed: a winding road with small convex objects, and spirals among them.
 
-use stopline::collision::{CollisionSettings, CollisionWorld};
+use stopline::collision::CollisionSettings;
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector};
 use stopline::map::{Motion, Obstacle, Part, Scenario, Shape};
 
-use crate::helpers::{circle, lanelet, obstacle, scenario, world};
+use crate::helpers::{World, circle, lanelet, obstacle, scenario, world};
 
 /// Numbers in [0, 1) from a seed: xorshift64* (Vigna 2016).
 pub(crate) struct Random(u64);
@@ -67,7 +67,7 @@ impl RandomMap {
         Self { middle, half_width, outline, scenario: scenario(lanes, obstacles) }
     }
 
-    pub(crate) fn world(&self, settings: &CollisionSettings) -> CollisionWorld {
+    pub(crate) fn world(&self, settings: &CollisionSettings) -> World {
         world(&self.scenario, settings)
     }
 

@@ -6,10 +6,10 @@ use proptest::prelude::*;
 use proptest::strategy::Strategy as Generator;
 
 use super::*;
-use crate::collision::CollisionWorld;
 use crate::collision::convert::{Local, vector};
+use crate::collision::{CollisionSettings, CollisionWorld, SafetyMargins};
 use crate::geometry::{Point, Vector};
-use crate::map::{RoadNetwork, Scenario, Shape};
+use crate::map::{RoadNetwork, Shape};
 use crate::speed::{AccelerationLimits, Resolution, SpeedProblem, Strategy, prove, search, smoothing};
 use crate::trajectory::SpeedProfile;
 
@@ -52,7 +52,7 @@ impl Predicted {
 }
 
 fn predictions(obstacles: &[Obstacle]) -> Predictions {
-    Predictions::new(obstacles, Origin::amid([]), &CollisionSettings::default(), DURATION)
+    Predictions::new(obstacles, Origin::amid([]), 0.1, DURATION)
 }
 
 fn predicted() -> impl Generator<Value = Predicted> {
@@ -258,14 +258,18 @@ fn zero_bounds_and_zero_elapsed_time_give_the_prediction() {
     let predicted = Predicted { kind, from, speed: 5.0, acceleration: 0.3, turning: 0.1, interval: 0.1 };
     let world = world(vec![predicted.obstacle()]);
     let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
-    let plain = world.blocked(&[&sweep], 0.0, DURATION);
+    let plain = world.blocked(&[&sweep], &margins(), 0.0, DURATION);
     assert!(!plain.is_free());
     let none = MotionBounds { longitudinal: 0.0, lateral: 0.0, ..FREE };
-    assert_eq!(world.predictions().reachable(0.0, &none).blocked(&[&sweep], 0.0, DURATION), plain);
-    let reachable = world.predictions().reachable(0.0, &FREE).blocked(&[&sweep], 0.0, DURATION);
+    assert_eq!(
+        world.predictions().reachable(0.0, &none).blocked(&[&sweep], &margins().moving_obstacles, 0.0, DURATION),
+        plain
+    );
+    let reachable =
+        world.predictions().reachable(0.0, &FREE).blocked(&[&sweep], &margins().moving_obstacles, 0.0, DURATION);
     assert!(reachable.blocked_cells().count() > plain.blocked_cells().count());
     // the result of the plain predictions is unchanged, cached or not
-    assert_eq!(world.blocked(&[&sweep], 0.0, DURATION), plain);
+    assert_eq!(world.blocked(&[&sweep], &margins(), 0.0, DURATION), plain);
     // in the first slice the deviation is at most 0.5 · 2 · 0.1² = 1 cm
     let (all, reachable) = (world.predictions(), world.predictions().reachable(2.0, &FREE));
     let now = &reachable.tracks[0].slices[20 - reachable.tracks[0].first].pieces[0];
@@ -315,7 +319,7 @@ fn reachable_sets_are_invariant_under_rigid_motions_and_mirroring() {
         let frame = Pose { position: shift, yaw: turn };
         let from = Pose { position: shift, yaw: wrap_angle(turn + mirror * 0.2) };
         let obstacle = predicted(from, mirror).obstacle();
-        let moved = Predictions::new(&[obstacle], Origin::amid([&shift]), &CollisionSettings::default(), DURATION);
+        let moved = Predictions::new(&[obstacle], Origin::amid([&shift]), 0.1, DURATION);
         let moved = moved.reachable(0.5, &bounds);
         for (a, b) in first.tracks[0].slices.iter().zip(&moved.tracks[0].slices) {
             let (a, b) = (&a.pieces[0], &b.pieces[0]);
@@ -342,7 +346,8 @@ fn removed_obstacles_are_absent_until_their_time() {
     };
     let world = world(vec![vehicle(1, 0.0), vehicle(2, 0.5)]);
     let sweep = world.sweep(&Pose::new(20.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(30.0));
-    let blocked = |predictions: &Predictions| predictions.blocked(&[&sweep], 0.0, DURATION);
+    let blocked =
+        |predictions: &Predictions| predictions.blocked(&[&sweep], &margins().moving_obstacles, 0.0, DURATION);
     let all = blocked(world.predictions());
     let ids = |grid: &BlockedGrid, before: f64| {
         let intervals = (0..grid.cells()).flat_map(|c| grid.intervals(c)).filter(|b| b.to <= before + 1e-9);
@@ -371,6 +376,10 @@ fn removed_obstacles_are_absent_until_their_time() {
 /// All times.
 const ALWAYS: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
+fn margins() -> SafetyMargins {
+    CollisionSettings::default().margins()
+}
+
 /// The predictions without the slices before a time.
 fn after(predictions: &Predictions, time: f64) -> Predictions {
     predictions.without(&predictions.tracks.iter().map(|t| (t.id, (f64::NEG_INFINITY, time))).collect::<Vec<_>>())
@@ -389,24 +398,15 @@ fn lies_in(a: &Predictions, b: &Predictions) -> bool {
 }
 
 fn world(obstacles: Vec<Obstacle>) -> CollisionWorld {
-    let scenario = Scenario {
-        id: "test".into(),
-        version: "2020a".into(),
-        time_step: 0.1,
-        network: RoadNetwork::default(),
-        obstacles,
-        occupancy: None,
-        problems: vec![],
-        issues: vec![],
-    };
     let vehicle = crate::vehicle::load("bmw_320i").unwrap();
-    CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), DURATION).unwrap()
+    let settings = CollisionSettings::default();
+    CollisionWorld::new(&RoadNetwork::default(), None, &obstacles, &vehicle, &settings, DURATION).unwrap()
 }
 
 /// A straight path along x for 60 m.
 fn problem(world: &CollisionWorld, predictions: &Predictions, speed: f64) -> SpeedProblem {
     let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
-    let grid = predictions.blocked(&[&sweep], 0.0, DURATION);
+    let grid = predictions.blocked(&[&sweep], &margins().moving_obstacles, 0.0, DURATION);
     let intervals = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
     let limits = AccelerationLimits { acceleration: 1.5, deceleration: 1.5, aggressive_deceleration: 4.0 };
     SpeedProblem {

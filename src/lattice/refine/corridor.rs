@@ -1,9 +1,10 @@
 //! Lateral displacement of the footprint from a path that is free of static obstacles.
 
 use super::chain::Sample;
-use crate::collision::{Allowance, CollisionWorld};
+use crate::collision::Allowance;
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
+use crate::lattice::LatticeContext;
 use crate::lattice::edges::closeness;
 
 /// Free width at a sample of the original path.
@@ -20,7 +21,7 @@ pub(super) struct FreeWidth {
 
 /// Probes of static obstacles and the road boundary around poses of a path.
 pub(super) struct Probe<'a> {
-    pub(super) world: &'a CollisionWorld,
+    pub(super) context: &'a LatticeContext<'a>,
     /// Frame of the samples.
     pub(super) frame: Pose,
     /// Largest displacement, m. Less than the width of the vehicle, so that the footprint is free between two free
@@ -43,17 +44,17 @@ impl Probe<'_> {
         let yaw = self.frame.yaw + sample.pose.yaw;
         let pose = Pose { position: self.frame.to_world(sample.pose.position), yaw };
         let at = |d: f64| Pose { position: pose.position + pose.left() * d, yaw };
-        let settings = self.world.settings();
-        let to_obstacle = self.limit + settings.static_obstacles.lateral.hypot(settings.static_obstacles.longitudinal);
+        let (world, margins) = (self.context.world, &self.context.margins);
+        let to_obstacle = self.limit + margins.static_obstacles.lateral.hypot(margins.static_obstacles.longitudinal);
         // a centimetre for the inflation of the road surface and the length of the probe
-        let to_road = self.limit + settings.road + 0.01;
+        let to_road = self.limit + margins.road + 0.01;
         let cap = to_obstacle.max(to_road).max(self.desired + self.limit) + PROBE_LENGTH;
-        let clearance = |pose: &Pose, cap: f64| self.world.clearance(&self.sweep(pose), cap);
+        let clearance = |pose: &Pose, cap: f64| world.clearance(&self.sweep(pose), cap);
         let here = clearance(&pose, cap);
         let (right, left) = if here.obstacle >= to_obstacle && here.road >= to_road {
             (self.limit, self.limit)
         } else {
-            let free = |d: f64| self.world.static_hit_from_start(&self.sweep(&at(d)), allowance).is_none();
+            let free = |d: f64| world.static_hit_from_start(&self.sweep(&at(d)), margins, allowance).is_none();
             (self.reach(|d| free(-d)), self.reach(free))
         };
         let near = closeness(&here);
@@ -67,7 +68,7 @@ impl Probe<'_> {
     }
 
     fn sweep(&self, pose: &Pose) -> crate::collision::Sweep {
-        self.world.sweep(pose, &CubicSpiral::straight(PROBE_LENGTH))
+        self.context.world.sweep(pose, &CubicSpiral::straight(PROBE_LENGTH))
     }
 
     /// The largest free displacement up to the limit, by bisection; zero if there is none.

@@ -307,7 +307,7 @@ impl<'a> Refinement<'a> {
     /// Samples of the original chain with the free width around them.
     fn corridor(&self, original: &Chain, limit: f64) -> Vec<Vec<(chain::Sample, FreeWidth)>> {
         let desired = self.weights.desired_clearance;
-        let probe = Probe { world: self.context.world, frame: self.frame, limit, desired };
+        let probe = Probe { context: self.context, frame: self.frame, limit, desired };
         let mut before = self.kept_length();
         let pieces = original.linearised(&original.lengths.iter().map(|l| intervals(*l)).collect::<Vec<_>>());
         pieces

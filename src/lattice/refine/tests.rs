@@ -1,5 +1,5 @@
 use super::*;
-use crate::collision::{CollisionSettings, CollisionWorld};
+use crate::collision::CollisionSettings;
 use crate::fixtures;
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::connect;
@@ -68,13 +68,14 @@ impl Scene {
         let scenario = self.scenario();
         let vehicle = crate::vehicle::load("bmw_320i").unwrap();
         let reference = ReferenceLine::new(&scenario.network, &[1], vehicle.width, &ReferenceSettings::default());
-        let world = CollisionWorld::new(&scenario, &vehicle, &CollisionSettings::default(), 5.0).unwrap();
+        let world = fixtures::collision_world(&scenario, &vehicle, &CollisionSettings::default(), 5.0);
         let (max_curvature, half_width) = (vehicle.max_curvature(), 0.5 * vehicle.width);
         // 11 m/s at the comfortable lateral acceleration
         let full_speed_curvature = 3.0 / 121.0;
         test(&LatticeContext {
             reference: &reference.unwrap(),
             world: &world,
+            margins: CollisionSettings::default().margins(),
             max_curvature,
             full_speed_curvature,
             half_width,
@@ -197,7 +198,7 @@ fn every_pose_respects_the_margins_and_the_corridor() {
             let line = Polyline::new(path.path.sampled(0.05).into_iter().map(|(_, p)| p.pose.position)).unwrap();
             for (_, point) in better.path.sampled(0.05) {
                 let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
-                assert_eq!(context.world.static_hit(&here), None, "at {:?}", point.pose);
+                assert_eq!(context.world.static_hit(&here, &context.margins), None, "at {:?}", point.pose);
                 // the linearisation has an error of some centimetres
                 let offset = line.project(point.pose.position).offset;
                 assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
@@ -219,7 +220,7 @@ fn a_narrow_passage_keeps_its_margins() {
         assert!(better.terms.total() <= path.terms.total());
         for (_, point) in better.path.sampled(0.05) {
             let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
-            assert_eq!(context.world.static_hit(&here), None);
+            assert_eq!(context.world.static_hit(&here, &context.margins), None);
         }
     });
 }

@@ -1,7 +1,7 @@
 //! The conformal lattice on a road with obstacles, and the swept footprint of the cheapest path.
 
 use super::{LEGEND, band, dot, framed, label, legend_row, sheet, stroke};
-use crate::collision::{CollisionSettings, CollisionWorld, Margins, Sweep};
+use crate::collision::{CollisionSettings, CollisionWorld, Margins, SafetyMargins, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::{Point, Pose, wrap_angle};
 use crate::lattice::{EdgeStore, Lattice, LatticeContext, LatticePath, Root, Settings};
@@ -40,6 +40,11 @@ struct Edge {
     blocked: bool,
 }
 
+/// The default margins.
+fn margins() -> SafetyMargins {
+    CollisionSettings::default().margins()
+}
+
 impl<'a> LatticeScene<'a> {
     /// `None` if the scenario's first planning problem has no reference line.
     pub(super) fn new(scenario: &'a Scenario, vehicle: &'a Vehicle) -> Option<Self> {
@@ -51,7 +56,11 @@ impl<'a> LatticeScene<'a> {
         let lane = route.lanes.first()?;
         let settings = ReferenceSettings::default();
         let reference = ReferenceLine::new(&scenario.network, &lane.lanelets, vehicle.width, &settings).ok()?;
-        let world = CollisionWorld::new(scenario, vehicle, &CollisionSettings::default(), 0.0).ok()?;
+        let world = {
+            let (network, grid) = (&scenario.network, scenario.occupancy.as_ref());
+            let settings = CollisionSettings::default();
+            CollisionWorld::new(network, grid, &scenario.obstacles, vehicle, &settings, 0.0).ok()?
+        };
         let lattice = Lattice::new(Settings::default()).ok()?;
         Some(Self { scenario, vehicle, world, reference, lattice })
     }
@@ -60,6 +69,7 @@ impl<'a> LatticeScene<'a> {
         LatticeContext {
             reference: &self.reference,
             world: &self.world,
+            margins: margins(),
             max_curvature: self.vehicle.max_curvature(),
             full_speed_curvature: self.vehicle.comfort.lateral_acceleration / (SPEED * SPEED),
             half_width: 0.5 * self.vehicle.width,
@@ -97,7 +107,7 @@ impl<'a> LatticeScene<'a> {
         const LENGTH: f64 = 0.05;
         let here = self.world.sweep(pose, &CubicSpiral::straight(LENGTH));
         let road_edge = crate::collision::Blocker::RoadBoundary;
-        self.world.static_hit(&here).is_none_or(|hit| hit.what != road_edge)
+        self.world.static_hit(&here, &margins()).is_none_or(|hit| hit.what != road_edge)
     }
 
     /// All edges between two layers.
@@ -119,7 +129,7 @@ impl<'a> LatticeScene<'a> {
         Some(Edge {
             points: spiral.samples(&from.pose, 40).map(|(_, p)| p.pose.position).collect(),
             clearance: clearance.obstacle.min(clearance.road),
-            blocked: self.world.static_hit(&sweep).is_some(),
+            blocked: self.world.static_hit(&sweep, &margins()).is_some(),
         })
     }
 
@@ -212,7 +222,7 @@ impl<'a> LatticeScene<'a> {
     /// Cells, margins and densely sampled corners. Each of the first two has its opacity as a group: overlaps do not
     /// add up.
     fn swept(&self, svg: &mut Svg, view: &View, chain: &LatticePath) {
-        let margins = CollisionSettings::default().static_obstacles;
+        let margins = margins().static_obstacles;
         let flat = |colour, opacity| Element::new("g").with("fill", colour).with("opacity", opacity);
         each_cell(svg, view, chain, &margins, &flat(style::REFERENCE, "0.3"));
         each_cell(svg, view, chain, &Margins::NONE, &flat(style::PLAN, "0.75"));
