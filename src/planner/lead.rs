@@ -104,13 +104,20 @@ impl Lead {
     pub(super) fn followed_by(&self, path: &Path, profile: &SpeedProfile) -> Trajectory {
         let (before, end) = (&self.knots[..self.knots.len() - 1], self.knots[self.knots.len() - 1]);
         let moved = |k: &SpeedKnot| SpeedKnot { time: k.time + end.time, station: k.station + end.station, ..*k };
-        let knots = before.iter().copied().chain(profile.knots().iter().map(moved)).collect();
+        let mut knots: Vec<SpeedKnot> = Vec::new();
+        for knot in before.iter().copied().chain(profile.knots().iter().map(moved)) {
+            // times that differ by less than their rounding (brakes without a lag, a last millionth of speed): the later knot counts
+            while knots.last().is_some_and(|last| last.time >= knot.time) {
+                knots.pop();
+            }
+            knots.push(knot);
+        }
         let spirals: Vec<CubicSpiral> =
             self.spirals.iter().copied().chain(path.pieces().map(|(_, _, spiral)| *spiral)).collect();
         Trajectory {
             start_time: self.begins,
             path: Path::new(self.start, &spirals).unwrap_or_else(|| path.clone()),
-            profile: SpeedProfile::new(knots).unwrap_or_else(|| unreachable!("the knots of a lead precede its end")),
+            profile: SpeedProfile::new(knots).unwrap_or_else(|| unreachable!("knots in order are a profile")),
         }
     }
 }
@@ -179,6 +186,26 @@ mod tests {
                 assert!((joined.at(now + DURATION + after).pose.position - planned).norm() < 1e-6, "{now} {after}");
             }
         }
+    }
+
+    /// A lag below the rounding of the time, and a plan that stops within it.
+    #[test]
+    fn knots_that_rounding_puts_at_the_same_time_are_one() {
+        let committed = committed();
+        for lag in [0.0, 1e-20, f64::MIN_POSITIVE] {
+            for now in [5.0, 5.3, 6.0, 7.99, 12.0] {
+                let lead = Lead::on(&committed, now, lag);
+                let (path, profile) = rest(&lead.end(0.0));
+                let joined = lead.followed_by(&path, &profile);
+                assert!((joined.at(now).speed - committed.at(now).speed).abs() < 1e-9);
+                assert_eq!(joined.profile.last().speed, 0.0, "{now}");
+            }
+        }
+        let lead = Lead::on(&committed, 5.3, DURATION);
+        let (path, _) = rest(&lead.end(0.0));
+        let stops = SpeedProfile::new(vec![knot(0.0, 0.0, 1e-18, -8.0), knot(1e-18 / 8.0, 0.0, 0.0, 0.0)]).unwrap();
+        let joined = lead.followed_by(&path, &stops);
+        assert_eq!((joined.profile.last().speed, joined.profile.last().acceleration), (0.0, 0.0));
     }
 
     #[test]
