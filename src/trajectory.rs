@@ -76,7 +76,7 @@ impl Path {
             .collect()
     }
 
-    /// The spirals between two stations (m, clamped to the path); empty if they are closer than [`SHORTEST`].
+    /// The spirals between two stations (m, clamped to the path); empty if they are closer than a micrometre.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Vec<CubicSpiral> {
         let inside = |p: &Piece| {

@@ -326,8 +326,9 @@ fn an_obstacle_is_seen_neither_before_it_is_born_nor_after_it_is_gone_and_late_w
 #[test]
 fn predictions_go_straight_or_along_the_lane() {
     let scenario = bundled("turn_90");
-    let lanelet = scenario.network.lanelets.values().next().expect("a lane");
-    let station = (lanelet.centre.length() - 20.0).max(2.0);
+    let bends = |l: &&stopline::map::Lanelet| (l.centre.yaw_at(l.centre.length()) - l.centre.yaw_at(0.0)).abs() > 0.5;
+    let lanelet = scenario.network.lanelets.values().find(bends).expect("a bend");
+    let station = 0.0;
     let pose = Pose { position: lanelet.centre.at(station), yaw: lanelet.centre.yaw_at(station) };
     let moving = |time: f64| TimedPose { time, pose, speed: 8.0 };
     let mut with_car = scenario.clone();
@@ -345,9 +346,15 @@ fn predictions_go_straight_or_along_the_lane() {
     }
     let along = predicted(PredictionMode::LaneFollowing);
     assert_eq!(along.len(), straight.len());
-    let on_road = |p: Point| scenario.network.lanelets.values().any(|l| l.contains(p));
-    let within = |states: &[TimedPose]| states.iter().filter(|s| on_road(s.pose.position)).count();
-    assert!(within(&along) > within(&straight), "{} {}", within(&along), within(&straight));
+    let turned = |states: &[TimedPose]| (states[states.len() - 1].pose.yaw - pose.yaw).abs();
+    let bend = (lanelet.centre.yaw_at(lanelet.centre.length()) - pose.yaw).abs();
+    assert!(turned(&along) > 0.9 * bend && turned(&straight) == 0.0, "{} of {bend}", turned(&along));
+    let aside = |s: &TimedPose| {
+        let at = lanelet.centre.project(s.pose.position);
+        if at.station < lanelet.centre.length() - 0.1 { at.offset.abs() } else { 0.0 }
+    };
+    assert!(along.iter().all(|s| aside(s) < 0.05));
+    assert!(straight.iter().any(|s| aside(s) > 0.5));
     for pair in along.windows(2) {
         let moved = (pair[1].pose.position - pair[0].pose.position).norm();
         assert!((moved - 8.0 * 0.2).abs() < 0.05, "{moved}");

@@ -3,7 +3,7 @@
 //! # A cycle
 //!
 //! 1. It starts from the committed trajectory, so that the setpoints stay continuous, where the vehicle will be when the brakes
-//!    can respond ([`lead`]). After a large tracking error it starts from the measured state instead.
+//!    can respond (`lead`). After a large tracking error it starts from the measured state instead.
 //! 2. It builds lattice paths on every lane that leads to the goal.
 //! 3. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
 //!    stop is proven**.

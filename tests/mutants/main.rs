@@ -17,6 +17,7 @@ use planners::{Belief, Believer, Changed, Late, Once, unchanged};
 use stopline::drive::{Driver, MotionPlanner, Run, Settings, drive_with};
 use stopline::map::Scenario;
 use stopline::planner::Cycle;
+use stopline::simulation::TrackingController;
 use stopline::vehicle::Vehicle;
 
 /// The kind of fault.
@@ -29,6 +30,10 @@ enum Mistake {
     IsLate,
     /// The planner never replans.
     PlansOnce,
+    /// The planner predicts with constant velocity and keeps a proven plan without proving it again.
+    Trusts,
+    /// The planner gets wrong inputs on a slippery road.
+    OnIce(fn(&mut Belief)),
     /// The controller has a fault.
     Controller(Flaw),
     /// No fault.
@@ -37,19 +42,25 @@ enum Mistake {
 
 /// Drives with a fault.
 fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -> Run<'a> {
-    let truth = Belief { scenario: scenario.clone(), vehicle: vehicle.clone(), settings: Settings::default() };
+    let mut truth = Belief { scenario: scenario.clone(), vehicle: vehicle.clone(), settings: Settings::default() };
+    if let Mistake::OnIce(_) = mistake {
+        truth.settings.simulation.friction_scale = ICE;
+    }
     let mut belief = truth.clone();
-    if let Mistake::Sees(change) = mistake {
-        change(&mut belief);
+    match mistake {
+        Mistake::Sees(change) | Mistake::OnIce(change) => change(&mut belief),
+        Mistake::Trusts => planners::constant_velocity_prediction(&mut belief),
+        _ => {}
     }
     let real = Believer::new(&belief);
     let change = if let Mistake::HandsOut(change) = mistake { *change } else { unchanged };
     let mut mutant: Box<dyn MotionPlanner> = match mistake {
         Mistake::IsLate => Box::new(Late { planner: real, waiting: VecDeque::new() }),
-        Mistake::PlansOnce => Box::new(Once { planner: real, first: None }),
+        Mistake::PlansOnce | Mistake::Trusts => Box::new(Once { planner: real, first: None }),
         _ => Box::new(Changed { planner: real, change }),
     };
-    let mut driver = Driver::following(&mut *mutant);
+    let believed = TrackingController::on_road(belief.settings.believed_friction());
+    let mut driver = Driver { planner: &mut *mutant, controller: Arc::new(believed) };
     if let Mistake::Controller(flaw) = mistake {
         driver.controller = Arc::new(*flaw);
     }
@@ -59,7 +70,8 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
 /// One mutant: the bundled scenario, the check that has to fail, and the fault.
 fn is_caught(name: &str, on: &str, vehicle: &Vehicle, check: &str, mistake: &Mistake) {
     let scenario = bundled(on);
-    let twin = driven(&scenario, vehicle, &Mistake::None);
+    let no_mistake = if let Mistake::OnIce(_) = mistake { Mistake::OnIce(|_| ()) } else { Mistake::None };
+    let twin = driven(&scenario, vehicle, &no_mistake);
     assert!(twin.verdict.pass(), "{name}: the twin on {on} fails: {:#?}", failures(&twin));
     let mutant = driven(&scenario, vehicle, mistake);
     let caught: Vec<&str> = mutant.verdict.failures().map(|c| c.name).collect();
@@ -89,16 +101,23 @@ fn stiff() -> Vehicle {
     vehicle
 }
 
-use Mistake::{Controller, HandsOut, IsLate, PlansOnce, Sees};
+/// Friction of ice.
+const ICE: f64 = 0.15;
+
+use Mistake::{Controller, HandsOut, IsLate, OnIce, PlansOnce, Sees, Trusts};
 
 mutants! {
     obstacle_ignored on parked_car, VEHICLE, by no_contact: Sees(planners::no_obstacles);
-    footprint_shrunk on slalom, VEHICLE, by no_contact: Sees(planners::a_third_as_wide);
+    footprint_shrunk on slalom, VEHICLE, by no_contact: Sees(planners::a_fifth_as_wide);
     footprint_centred_on_rear_axle on lane_blocked, VEHICLE, by no_contact: Sees(planners::centre_for_rear_axle);
     prediction_frozen on cut_in, VEHICLE, by no_contact: Sees(planners::frozen_predictions);
     prediction_of_constant_velocity on lead_brakes_hard, VEHICLE, by no_contact: Sees(planners::constant_velocity);
     prediction_stale on pedestrian, VEHICLE, by no_contact: Sees(planners::stale_predictions);
     prediction_of_the_next_second on cut_in, VEHICLE, by no_contact: Sees(planners::early_predictions);
+    observation_old on lead_brakes_hard, VEHICLE, by no_contact: Sees(planners::old_observation);
+    obstacle_dropped_after_its_prediction on lead_brakes_hard, VEHICLE, by no_contact: Sees(planners::dropped_after_a_second);
+    friction_believed_too_high on parked_car, VEHICLE, by fallback_stops: OnIce(planners::dry_road);
+    committed_plan_not_verified on lead_brakes_hard, VEHICLE, by no_contact: Trusts;
     road_borders_ignored on lane_blocked, VEHICLE, by stays_on_road: Sees(planners::wider_road);
     curvature_bound_ignored on parked_car, stiff(), by tracking: Sees(planners::any_curvature);
     comfort_limits_doubled on straight_100m, VEHICLE, by comfort_longitudinal: Sees(planners::twice_the_comfort);

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use stopline::drive::{MotionPlanner, Observer, Settings};
+use stopline::drive::{MotionPlanner, Observer, PredictionMode, Settings};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose};
@@ -23,9 +23,9 @@ pub(crate) fn no_obstacles(belief: &mut Belief) {
     belief.scenario.obstacles.clear();
 }
 
-pub(crate) fn a_third_as_wide(belief: &mut Belief) {
+pub(crate) fn a_fifth_as_wide(belief: &mut Belief) {
     let v = &mut belief.vehicle;
-    v.width *= 0.3;
+    v.width *= 0.2;
     v.footprint = Footprint::rectangle(v.length, v.width, v.rear_axle_to_centre);
 }
 
@@ -79,6 +79,32 @@ pub(crate) fn early_predictions(belief: &mut Belief) {
             states.push(TimedPose { pose: last.pose.advanced(last.speed), ..last });
         }
     }
+}
+
+/// What is seen is two seconds old, and moves on with constant velocity.
+pub(crate) fn old_observation(belief: &mut Belief) {
+    belief.settings.observation.prediction = PredictionMode::ConstantVelocity;
+    belief.settings.observation.sensor.delay = 2.0;
+}
+
+/// Predictions end after a second, and obstacles with them.
+pub(crate) fn dropped_after_a_second(belief: &mut Belief) {
+    belief.settings.planner.extrapolation.duration = 0.0;
+    for o in &mut belief.scenario.obstacles {
+        if let Motion::Trajectory(states) = &mut o.motion {
+            let begins = states[0].time;
+            states.retain(|s| s.time <= begins + 1.0);
+        }
+    }
+}
+
+/// The road is believed to be dry.
+pub(crate) fn dry_road(belief: &mut Belief) {
+    belief.settings.simulation.friction_scale = 1.0;
+}
+
+pub(crate) fn constant_velocity_prediction(belief: &mut Belief) {
+    belief.settings.observation.prediction = PredictionMode::ConstantVelocity;
 }
 
 pub(crate) fn twice_the_comfort(belief: &mut Belief) {
