@@ -9,7 +9,8 @@
 //! ```
 //!
 //! with the friction coefficient μ = believed factor × the tyres' peak friction, the deceleration b that the brakes reach, and
-//! the share ρ = [`CONTROL_SHARE`]; the rest is the tracking controller's.
+//! the share ρ = [`CONTROL_SHARE`]; the rest is the tracking controller's. The vehicle accelerates with the grip of its driven axles only:
+//! on ice, a car with rear drive reaches less than half of the deceleration of its brakes.
 //!
 //! Weak where: one friction for the whole road ahead, the least that is known of; no slopes; drag and rolling resistance, which
 //! help to brake, are left out; the drive's power limit is not considered.
@@ -52,7 +53,7 @@ impl ProofLimits {
         Self {
             grip,
             deceleration: grip.min(share * vehicle.limits.deceleration),
-            acceleration: grip.min(vehicle.limits.acceleration),
+            acceleration: vehicle.limits.acceleration.min(grip * traction(vehicle)),
         }
     }
 
@@ -88,6 +89,16 @@ impl ProofLimits {
     }
 }
 
+/// Share of the grip that the driven axles can use: each carries its share of the weight and has to transmit its share of the drive.
+/// The load that moves to the rear axle is left out.
+fn traction(vehicle: &Vehicle) -> f64 {
+    let front_load = vehicle.rear_axle_to_mass / vehicle.wheelbase;
+    let front_drive = vehicle.actuators.drive_front_share;
+    // without a share of the drive, an axle sets no limit
+    let of = |load: f64, drive: f64| if drive > 0.0 { load / drive } else { f64::INFINITY };
+    of(front_load, front_drive).min(of(1.0 - front_load, 1.0 - front_drive)).min(1.0)
+}
+
 /// Share of the straight-line limit at which as much is left for the other direction: 1/√2.
 const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// Comfortable deceleration as a share of the aggressive one, where the road limits both: that of the SafeTLP paper's limits.
@@ -111,6 +122,24 @@ mod tests {
                     assert!(longitudinal.hypot(limits.lateral_beside(longitudinal)) <= CONTROL_SHARE * grip + 1e-12);
                 }
                 assert_eq!(limits.lateral_beside(grip), 0.0);
+            }
+        }
+    }
+
+    /// Per driven axle: drive force over load.
+    #[test]
+    fn acceleration_is_within_the_grip_of_each_driven_axle() {
+        for name in builtin_names() {
+            let mut vehicle = load(name).unwrap();
+            for front in [vehicle.actuators.drive_front_share, 0.0, 0.4, 1.0] {
+                vehicle.actuators.drive_front_share = front;
+                let acceleration = ProofLimits::new(&vehicle, 0.15).acceleration();
+                let front_load = vehicle.rear_axle_to_mass / vehicle.wheelbase;
+                for (load, drive) in [(front_load, front), (1.0 - front_load, 1.0 - front)] {
+                    let used = drive * acceleration / (load * 0.15 * vehicle.tyres.friction * GRAVITY);
+                    assert!(used <= CONTROL_SHARE + 1e-12, "{name}: {used} of the grip with {front} at the front");
+                }
+                assert!(acceleration > 0.25 * 0.15 * vehicle.tyres.friction * GRAVITY, "{name} {front}");
             }
         }
     }
