@@ -22,6 +22,8 @@ pub(super) struct Situation<'a> {
     pub(super) traffic: &'a Predictions,
     /// Margins to them, m.
     pub(super) margins: Margins,
+    /// Station of the path up to which they are resolved finely, m.
+    pub(super) fine_until: f64,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
     pub(super) goal_missed_at: Option<f64>,
@@ -199,7 +201,8 @@ impl Situation<'_> {
     fn speed_problem(&self, path: &LatticePath) -> Option<(SpeedProblem, Vec<((f64, f64), (f64, f64))>)> {
         let (end, planned_stop) = self.end_of_path(path);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.traffic.blocked(&sweeps, &self.margins, self.time, self.horizon.max(self.time + 1.0));
+        let times = (self.time, self.horizon.max(self.time + 1.0));
+        let grid = self.traffic.blocked_finely(&sweeps, &self.margins, times, self.fine_until);
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
             // no free cell: only a stopped vehicle has a plan here

@@ -46,9 +46,9 @@ use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
 use self::lanes::Lane;
 use self::lead::Lead;
-use self::level::LevelLimits;
+use self::level::{LevelLimits, fine_until};
 use self::traffic::Traffic;
-use crate::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, SafetyMargins};
+use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
 use crate::map::{PlanningProblem, Scenario};
@@ -73,8 +73,7 @@ pub struct Planner<'a> {
     settings: &'a Settings,
     lattice: Lattice,
     smoother: Smoother,
-    /// The collision world, also at a fine resolution.
-    worlds: [CollisionWorld; 2],
+    world: CollisionWorld,
     lanes: Result<Vec<Lane>, NoLane>,
     traffic: Traffic,
     committed: Option<Committed>,
@@ -145,9 +144,7 @@ impl<'a> Planner<'a> {
         let prediction_end = scenario.obstacles.iter().map(|o| o.lifetime().1).filter(|t| t.is_finite());
         let horizon = prediction_end.fold(0.0, f64::max).min(end_time + PREDICTION_BEYOND_END);
         let (network, grid) = (&scenario.network, scenario.occupancy.as_ref());
-        let world = |settings: &_| CollisionWorld::new(network, grid, &scenario.obstacles, vehicle, settings, horizon);
-        let fine = CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..settings.collision };
-        let worlds = [world(&settings.collision)?, world(&fine)?];
+        let world = CollisionWorld::new(network, grid, &scenario.obstacles, vehicle, &settings.collision, horizon)?;
         let limits = ProofLimits::new(vehicle, DRY);
         let unreserved = ProofLimits::unreserved(vehicle, DRY);
         let vehicle = limits.applied_to(vehicle);
@@ -163,7 +160,7 @@ impl<'a> Planner<'a> {
             settings,
             lattice,
             smoother,
-            worlds,
+            world,
             lanes,
             traffic,
             committed: None,
@@ -320,7 +317,7 @@ impl<'a> Planner<'a> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
-        let world = &self.worlds[level.world];
+        let world = &self.world;
         let roots = self.roots(start, world, &level.margins);
         let full_speed_curvature = self.full_speed_curvature(start, level);
         let weights = self.settings.lattice.weights;
@@ -336,7 +333,7 @@ impl<'a> Planner<'a> {
             + ((URGENT_DISTANCE - distance_left) / URGENCY_DISTANCE_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
-            let store = &mut lane.stores[level.world];
+            let store = &mut lane.edges;
             let found = self.lattice.search(&context, root, speed, horizon, store);
             counts.add(&found.counts);
             for mut path in found.paths {
@@ -372,6 +369,7 @@ impl<'a> Planner<'a> {
             settings: self.settings,
             traffic: self.predictions_for(&level),
             margins: level.margins.moving_obstacles,
+            fine_until: if level.is_fine { fine_until(start.point.speed) } else { 0.0 },
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -441,10 +439,6 @@ impl<'a> Planner<'a> {
 const HIGHEST_FRICTION: f64 = 10.0;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
-/// Station cells of the world at a fine resolution, m.
-const FINE_SPACING: f64 = 0.1;
-/// Time slices of the world at a fine resolution, s.
-const FINE_SLICE: f64 = 0.025;
 /// Length of the predictions beyond the end of the run, s.
 const PREDICTION_BEYOND_END: f64 = 15.0;
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
@@ -470,8 +464,8 @@ fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryP
     const LEAVE_MARGIN: f64 = 6.0;
     /// Distance within which the vehicle must return to the road, m.
     const RETURN_TO_ROAD: f64 = 15.0;
-    let here = world.sweep(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
-    if world.static_hit(&here, margins).is_none() {
+    let mut here = world.probe(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
+    if here.static_hit(margins, &Allowance::NONE).is_none() {
         return Allowance::NONE;
     }
     let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);

@@ -32,7 +32,7 @@ use std::sync::OnceLock;
 use super::level::{Level, LevelLimits};
 use super::settings::{RearTraffic, UncertaintyMode};
 use super::{Planner, Start};
-use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
+use crate::collision::{CollisionSettings, MotionBounds, Predictions};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
 use crate::map::{ConvexPart, Motion, Obstacle, RoadNetwork};
@@ -46,10 +46,10 @@ pub(super) struct Traffic {
     driven_path: Vec<Point>,
     /// Yielding obstacles with the time until which they yield (s), in the order of the scenario.
     yielding: Vec<(i64, f64)>,
-    /// For each collision world: the predictions without yielding obstacles. Valid while `yielding` does not change.
-    binding: [OnceLock<Predictions>; 2],
-    /// For each collision world: the reachable sets of this cycle.
-    reachable: [OnceLock<Predictions>; 2],
+    /// The predictions without yielding obstacles. Valid while `yielding` does not change.
+    binding: OnceLock<Predictions>,
+    /// The reachable sets of this cycle.
+    reachable: OnceLock<Predictions>,
 }
 
 /// Length of the ego path behind the vehicle, m. Obstacles farther behind constrain proofs.
@@ -64,7 +64,7 @@ impl Planner<'_> {
     pub(super) fn update_traffic(&mut self, now: f64, start: &Start) {
         let traffic = &mut self.traffic;
         traffic.now = now;
-        traffic.reachable = Default::default();
+        traffic.reachable = OnceLock::new();
         if self.settings.rear_traffic == RearTraffic::Binding {
             return;
         }
@@ -84,13 +84,13 @@ impl Planner<'_> {
         let yielding: Vec<(i64, f64)> = self.scenario.obstacles.iter().filter_map(yields).collect();
         if yielding != traffic.yielding {
             traffic.yielding = yielding;
-            traffic.binding = Default::default();
+            traffic.binding = OnceLock::new();
         }
     }
 
     /// The predictions that constrain proofs on a level.
     pub(super) fn predictions_for(&self, level: &LevelLimits) -> &Predictions {
-        self.traffic.predictions_for(&self.worlds, level, &self.settings.uncertainty.bounds())
+        self.traffic.predictions_for(self.world.predictions(), level, &self.settings.uncertainty.bounds())
     }
 
     /// The levels, with those for robust proofs as the settings require.
@@ -124,20 +124,15 @@ impl Traffic {
 
     fn predictions_for<'t>(
         &'t self,
-        worlds: &'t [CollisionWorld; 2],
+        all: &'t Predictions,
         level: &LevelLimits,
         bounds: &MotionBounds,
     ) -> &'t Predictions {
-        let all = worlds[level.world].predictions();
         let binding = match self.yielding[..] {
             [] => all,
-            _ => self.binding[level.world].get_or_init(|| all.without(&self.yielding)),
+            _ => self.binding.get_or_init(|| all.without(&self.yielding)),
         };
-        if level.robust {
-            self.reachable[level.world].get_or_init(|| binding.reachable(self.now, bounds))
-        } else {
-            binding
-        }
+        if level.robust { self.reachable.get_or_init(|| binding.reachable(self.now, bounds)) } else { binding }
     }
 }
 
