@@ -5,11 +5,11 @@ use std::path::Path;
 
 use stopline::collision::Blocker;
 use stopline::drive::{self, Outcome, Run, Settings};
-use stopline::fixtures::parked;
+use stopline::fixtures::{obstacle, parked};
 use stopline::geometry::polyline::Polyline;
 use stopline::geometry::{Point, Pose};
 use stopline::io::commonroad;
-use stopline::map::{GoalPosition, Interval, Part, Scenario, Shape};
+use stopline::map::{GoalPosition, Interval, Motion, Obstacle, ObstacleKind, Part, Scenario, Shape, TimedPose};
 use stopline::planner::Decision;
 use stopline::result::{Kind, RunResult};
 use stopline::vehicle::{self, ProofLimits, Vehicle};
@@ -141,6 +141,40 @@ fn proofs_on_ice_hold() {
     settings.faults.friction = 0.15;
     let run = drive::drive(&scenario, &scenario.problems[0], &car, &settings, &mut |_, _| {}).unwrap();
     assert_eq!(check(&run, "fallback_stops").status, Status::Fail);
+}
+
+// ---- Close behind another vehicle.
+
+/// A leader whose rear is at a distance ahead of the front bumper, m. It stands for 3 s and drives off.
+fn behind_a_leader(vehicle: &Vehicle, gap: f64) -> Scenario {
+    let mut scenario = straight();
+    let initial = &mut scenario.problems[0].initial;
+    initial.speed = 0.0;
+    let place = initial.centre.advanced(0.5 * vehicle.length + gap + 2.25);
+    let states = (0..=300).map(|i| {
+        let time = 0.1 * f64::from(i);
+        let (ramp, acceleration) = ((time - 3.0).clamp(0.0, 5.0), 2.0);
+        let distance = 0.5 * acceleration * ramp * ramp + acceleration * ramp * (time - 3.0 - ramp).max(0.0);
+        TimedPose { time, pose: place.advanced(distance), speed: acceleration * ramp }
+    });
+    let leader = obstacle(100, Shape::rectangle(4.5, 1.8), Motion::Trajectory(states.collect()));
+    scenario.obstacles.push(Obstacle { kind: ObstacleKind::Vehicle, ..leader });
+    scenario
+}
+
+/// Bumper to bumper, a standstill is safe and proven: the vehicle waits where it stands and follows.
+#[test]
+fn a_vehicle_close_behind_a_standing_leader_waits_and_follows() {
+    let car = car();
+    for gap in [0.15, 0.3, 0.6] {
+        let scenario = behind_a_leader(&car, gap);
+        let run = driven(&scenario, &car);
+        let unproven = run.cycles.iter().filter(|c| c.decision == Decision::Unproven).count();
+        assert_eq!((run.outcome, unproven), (Outcome::GoalReached, 0), "{gap} m");
+        for name in ["no_contact", "stop_proven", "fallback_stops"] {
+            assert_eq!(check(&run, name).status, Status::Pass, "{gap} m: {:?}", check(&run, name));
+        }
+    }
 }
 
 // ---- Facts of the start: a plan and a drive report the same outcome and reason.

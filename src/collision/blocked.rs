@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use super::swept::Sweep;
-
 /// A time interval in which an obstacle blocks a station cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlockedInterval {
@@ -18,8 +16,8 @@ pub struct BlockedInterval {
 /// The blocked times of each station cell on consecutive sweeps. The vehicle is in cell `i` while its rear axle is between
 /// `stations()[i]` and `stations()[i + 1]`.
 ///
-/// Intervals consist of whole time slices. The region of a slice covers both of its ends, so that intervals that only touch
-/// do not conflict.
+/// Intervals consist of whole time slices, or of parts of them where the grid is fine. The region of a slice covers both of its
+/// ends, so that intervals that only touch do not conflict.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BlockedGrid {
     /// Cell limits, m from the start of the first sweep.
@@ -141,8 +139,8 @@ impl SliceBits {
 }
 
 /// Slices in which one track blocks a cell.
-#[derive(Debug, Clone)]
-struct Run {
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Run {
     slices: Range<usize>,
     track: usize,
 }
@@ -156,43 +154,53 @@ pub(super) struct CellRuns {
 }
 
 impl CellRuns {
-    fn of(&self, cell: usize) -> &[Run] {
+    /// The runs of a cell, in order of time.
+    pub(super) fn of(&self, cell: usize) -> &[Run] {
         match (self.starts.get(cell), self.starts.get(cell + 1)) {
             (Some(&a), Some(&b)) => &self.runs[a as usize..b as usize],
             _ => &[],
         }
     }
+
+    /// The track that blocks a cell in a slice.
+    pub(super) fn track_at(&self, cell: usize, slice: usize) -> Option<usize> {
+        let runs = self.of(cell);
+        let next = runs.partition_point(|run| run.slices.end <= slice);
+        runs.get(next).filter(|run| run.slices.start <= slice).map(|run| run.track)
+    }
 }
 
-/// Builds a grid, sweep by sweep.
-pub(super) struct GridBuilder {
-    slice: f64,
-    range: Range<usize>,
+/// Builds a grid, cell by cell.
+pub(super) struct GridBuilder<F> {
+    /// The times that count, s.
+    times: (f64, f64),
+    /// The obstacle of a track.
+    id: F,
     grid: BlockedGrid,
 }
 
-impl GridBuilder {
-    /// A builder for slices of length `slice` (s), restricted to a range of slices.
-    pub(super) fn new(slice: f64, range: Range<usize>) -> Self {
-        Self { slice, range, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
+impl<F: Fn(usize) -> i64> GridBuilder<F> {
+    pub(super) fn new(times: (f64, f64), id: F) -> Self {
+        Self { times, id, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
     }
 
-    /// Adds the cells of a sweep that starts at the end of the last one; `id` maps a track to its obstacle.
-    pub(super) fn append(&mut self, sweep: &Sweep, runs: &CellRuns, id: impl Fn(usize) -> i64) {
+    /// Station of the end of the last cell, m.
+    pub(super) fn end(&self) -> f64 {
+        self.grid.stations[self.grid.stations.len() - 1]
+    }
+
+    /// Adds a cell up to a station; `time` is the start of a slice of the runs, s.
+    pub(super) fn push(&mut self, station: f64, runs: &[Run], time: impl Fn(usize) -> f64) {
         let grid = &mut self.grid;
-        let before = grid.stations[grid.stations.len() - 1];
-        grid.stations.extend(sweep.grid_stations()[1..].iter().map(|s| before + s));
-        for cell in 0..sweep.grid_cells() {
-            for run in runs.of(cell) {
-                let (from, to) = (run.slices.start.max(self.range.start), run.slices.end.min(self.range.end));
-                if from < to {
-                    let (from, to) = (from as f64 * self.slice, to as f64 * self.slice);
-                    grid.intervals.push(BlockedInterval { from, to, obstacle: id(run.track) });
-                }
+        grid.stations.push(station);
+        for run in runs {
+            let (from, to) = (time(run.slices.start).max(self.times.0), time(run.slices.end).min(self.times.1));
+            if from < to {
+                grid.intervals.push(BlockedInterval { from, to, obstacle: (self.id)(run.track) });
             }
-            #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
-            grid.starts.push(grid.intervals.len() as u32);
         }
+        #[allow(clippy::cast_possible_truncation)] // cells × slices stays far below 2³²
+        grid.starts.push(grid.intervals.len() as u32);
     }
 
     pub(super) fn finish(self) -> BlockedGrid {

@@ -1,34 +1,39 @@
-//! Coarse-to-fine check of an edge against the static world.
+//! The check of a path against the static world, coarse to fine.
 //!
 //! # Technique
 //! A block of cells ([`super::course`]) is tested as a whole first: the hull of the body without margins at its two ends,
 //! inflated by the bound ε for the length of the block, contains the footprints of all its cells. One query of the hierarchy
 //! selects the pieces near the box of a block; pieces farther than their margin from the hull of the block are dropped. If
-//! any remain, the block is halved and tested with these alone, down to single cells. There the test is that of
-//! [`StaticWorld::first_hit`](super::StaticWorld::first_hit). The coarse hull contains the fine ones and the halves are
-//! visited in order, so that the result is the same cell and the same blocker, to the bit.
+//! any remain, the block is halved and tested with these alone, down to single cells, whose footprints are those of
+//! [`super::Sweep`]. The coarse hull contains the fine ones and the halves are visited in order, so that the result is the same
+//! cell and the same blocker as that of a test of every cell.
 //!
-//! The clearance uses the same poses and distances as [`StaticWorld::clearance`](super::StaticWorld::clearance), but only in
-//! blocks whose hull is nearer to a piece than the smallest distance so far.
+//! A cell that meets something is tested again in subcells of at most 0.1 m, whose footprints are tighter: the hit is the start of
+//! the first one that still meets it. If none does, the search goes on.
+//!
+//! The clearance is measured in blocks whose hull is nearer to a piece than the smallest distance so far.
 //!
 //! Frames, corners and hulls are computed on demand: one frame and one hull per block on a free path near the boundary.
 //!
 //! # Weakness
-//! A block that follows an obstacle or a bound at exactly its margin is halved everywhere and costs more than the flat check.
+//! A block that follows an obstacle or a bound at exactly its margin is halved everywhere.
 //! Results are not cached; moving obstacles need a [`super::Sweep`].
 
 use std::ops::Range;
 
 use super::convert::Local;
 use super::convex::{Convex, SweptCorners, boxes_meet};
-use super::course::{Course, Node};
+use super::course::{Course, Node, Slack};
 use super::margins::{Margins, SafetyMargins};
-use super::statics::{Allowance, Clearance, STRIDE, StaticHit};
+use super::statics::{Allowance, Clearance, StaticHit};
 use super::swept::Frame;
 use super::wide::OrientedBox;
 use super::{Blocker, CollisionWorld, ROUNDING};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
+
+/// Number of cells between two poses at which the clearance is measured.
+const STRIDE: usize = 4;
 
 /// A check of a spiral or path against the static world, without its swept footprint.
 #[derive(Debug, Clone)]
@@ -78,8 +83,8 @@ impl<'w> EdgeProbe<'w> {
         self.course.cells()
     }
 
-    /// The first cell that meets a static obstacle or leaves the road, with margins: equal to
-    /// [`CollisionWorld::static_hit_from_start`] of the sweep.
+    /// The first station at which the path meets a static obstacle or leaves the road, with margins, to 0.1 m. `allowance` is for a path from the
+    /// position of the vehicle, which may already be inside a margin or partly off the road.
     #[must_use]
     pub fn static_hit(&mut self, margins: &SafetyMargins, allowance: &Allowance) -> Option<StaticHit> {
         let cells = self.cells();
@@ -95,15 +100,20 @@ impl<'w> EdgeProbe<'w> {
             if block.first > search.last {
                 break;
             }
-            if let Some((cell, what)) = self.hit_in_block(&search, &block) {
-                return Some(StaticHit { station: self.course.station(cell), cell, what });
+            if let Some(hit) = self.hit_in_block(&search, &block) {
+                let is_off_road = off_road == Some(hit.cell);
+                return Some(StaticHit {
+                    station: if is_off_road { self.course.station(hit.cell) } else { hit.station },
+                    ..hit
+                });
             }
         }
         off_road.map(|cell| StaticHit { station: self.course.station(cell), cell, what: Blocker::RoadBoundary })
     }
 
-    /// Distances to static obstacles and to the road boundary without margins, at most `cap`, m: equal to
-    /// [`CollisionWorld::clearance`] of the sweep.
+    /// Distances of the vehicle without margins to static obstacles and to the road boundary, at most `cap`, m: the minimum
+    /// over the poses at every fourth cell limit and at the last one. For costs of paths without a hit: between these poses the
+    /// distance may be slightly smaller in curves.
     #[must_use]
     pub fn clearance(&mut self, cap: f64) -> Clearance {
         let mut least = Clearance { obstacle: cap, road: cap };
@@ -145,7 +155,7 @@ impl<'w> EdgeProbe<'w> {
         NodeHull::new([a, b, c, d, e, f, g, h], from.forward + to.forward)
     }
 
-    fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<(usize, Blocker)> {
+    fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<StaticHit> {
         let mut hull = self.hull(block, search.widest());
         self.query(&hull, search.reach);
         if !search.checks_road(self.course.station(block.end - 1)) {
@@ -191,10 +201,10 @@ impl<'w> EdgeProbe<'w> {
     }
 
     /// The first cell of a node that meets one of the entries from `from` on.
-    fn descend(&mut self, search: &Search, node: &Node, from: (usize, usize)) -> Option<(usize, Blocker)> {
+    fn descend(&mut self, search: &Search, node: &Node, from: (usize, usize)) -> Option<StaticHit> {
         let to = self.near.top();
         if node.cells() == 1 {
-            return self.blocker_of(search, node.first, from).map(|what| (node.first, what));
+            return self.hit_in_cell(search, node.first, from);
         }
         for half in node.halves() {
             if half.cells() == 0 || half.first > search.last {
@@ -203,8 +213,8 @@ impl<'w> EdgeProbe<'w> {
             if half.cells() > 1 {
                 let mut hull = self.hull(&half, search.widest());
                 self.narrow(&mut hull, (from, to), search.reach);
-            } else if let Some(what) = self.blocker_of(search, half.first, from) {
-                return Some((half.first, what));
+            } else if let Some(hit) = self.hit_in_cell(search, half.first, from) {
+                return Some(hit);
             }
             if self.near.top() != to {
                 let hit = self.descend(search, &half, to);
@@ -217,18 +227,32 @@ impl<'w> EdgeProbe<'w> {
         None
     }
 
-    /// The fine test of one cell.
-    fn blocker_of(&mut self, search: &Search, cell: usize, from: (usize, usize)) -> Option<Blocker> {
-        let statics = &self.world.statics;
+    /// The first subcell that meets one of the entries from `from` on, if the cell as a whole does.
+    fn hit_in_cell(&mut self, search: &Search, cell: usize, from: (usize, usize)) -> Option<StaticHit> {
         let station = self.course.station(cell);
-        let relaxed = station < search.allowance.no_margins_until;
         let ends = [self.course.frame(cell), self.course.frame(cell + 1)];
         let slack = self.course.cell_slack(cell);
+        self.blocker_of(search, station, (ends, slack), from)?;
+        self.course.subcells(cell, ends).into_iter().find_map(|subcell| {
+            let what = self.blocker_of(search, station, (subcell.ends, subcell.slack), from)?;
+            Some(StaticHit { station: subcell.station, cell, what })
+        })
+    }
+
+    /// What a footprint meets, between two frames in the cell that starts at a station (m).
+    fn blocker_of(
+        &self,
+        search: &Search,
+        station: f64,
+        (ends, slack): ([Frame; 2], Slack),
+        from: (usize, usize),
+    ) -> Option<Blocker> {
+        let statics = &self.world.statics;
         let first = |entries: &[u32], pieces: &[Convex], margins: &Margins| {
             if entries.is_empty() {
                 return None;
             }
-            let margins = if relaxed { &Margins::NONE } else { margins };
+            let margins = if station < search.allowance.no_margins_until { &Margins::NONE } else { margins };
             let mut shape = self.world.outline.footprint(ends, margins, slack.at(margins.reach()));
             let aabb = shape.aabb();
             entries.iter().copied().find(|i| {
@@ -236,8 +260,7 @@ impl<'w> EdgeProbe<'w> {
                 boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)
             })
         };
-        let obstacle = first(&self.near.obstacles[from.0..], statics.obstacles(), &search.obstacles);
-        if let Some(piece) = obstacle {
+        if let Some(piece) = first(&self.near.obstacles[from.0..], statics.obstacles(), &search.obstacles) {
             return Some(statics.blocker(piece));
         }
         let on_edge = search.checks_road(station)

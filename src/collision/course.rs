@@ -11,6 +11,8 @@
 //! the order of the queries, and the coarse check ([`super::coarse`]), which needs few frames, uses the same bits as the
 //! [`super::Sweep`], which has all of them.
 //!
+//! A cell that meets something is divided into equal parts ([`Subcell`]), whose frames start from that of the cell.
+//!
 //! # Cell length
 //! [`super::CollisionSettings::spacing`], or an integer fraction of it if the spiral turns so much that the excess of the
 //! footprint would be larger than [`EXCESS`] (see [`excess`]). The station cells of the blocked grid keep the spacing, so
@@ -24,6 +26,8 @@ use crate::geometry::spiral::CubicSpiral;
 
 /// Largest excess of the footprint of a cell over the covered area, as a fraction of the spacing: 4.5 cm at 0.5 m.
 pub(super) const EXCESS: f64 = 0.09;
+/// Largest length of a subcell, m.
+pub(super) const FINE_SPACING: f64 = 0.1;
 /// Largest number of cells per station cell.
 const MAX_CUTS: usize = 8;
 /// Largest number of cells and largest length (m) of a block. Blocks are as long as ε permits.
@@ -212,9 +216,14 @@ impl Piece {
         limit as f64 / self.cells as f64 * self.length
     }
 
-    fn stretch(&self, from: usize, to: usize) -> Stretch {
-        let s = self.arc_length(from);
-        let length = self.arc_length(to) - s;
+    /// The section between two cell limits of the course.
+    fn stretch_of(&self, first: usize, end: usize) -> Stretch {
+        self.stretch(self.arc_length(first - self.first_cell), self.arc_length(end - self.first_cell))
+    }
+
+    /// The section between two arc lengths, m.
+    fn stretch(&self, s: f64, to: f64) -> Stretch {
+        let length = to - s;
         let [a, b, c, d] = self.powers;
         let h = length;
         let powers = [
@@ -226,16 +235,27 @@ impl Piece {
         Stretch { powers, length }
     }
 
-    fn frame_after(&self, from: usize, at: &Frame, to: usize) -> Frame {
+    /// The frame at the arc length `s` from the one at `from`, m.
+    fn frame_after(&self, from: f64, at: &Frame, s: f64) -> Frame {
         /// Maximum number of halvings, for absurd curvature.
         const MAX_HALVINGS: u32 = 6;
-        let s = self.arc_length(to);
         let [a, b, c, d] = self.powers;
         let yaw = self.yaw + s * (a + s * (b / 2.0 + s * (c / 3.0 + s * (d / 4.0))));
         let (sin, cos) = yaw.sin_cos();
-        let chord = self.stretch(from, to).chord(MAX_HALVINGS);
+        let chord = self.stretch(from, s).chord(MAX_HALVINGS);
         Frame { at: at.at + at.forward.rotate(chord), forward: Local::new(cos, sin) }
     }
+}
+
+/// A part of a cell of at most [`FINE_SPACING`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Subcell {
+    /// Station of its start, m from the start of the course.
+    pub(super) station: f64,
+    /// Frames at its limits.
+    pub(super) ends: [Frame; 2],
+    /// Its ε.
+    pub(super) slack: Slack,
 }
 
 /// A block of consecutive cells of one piece, or a part of a block.
@@ -327,7 +347,7 @@ impl Course {
         let block_start = target / piece.block * piece.block;
         let (mut at, mut frame) = if piece.reached.0 <= block_start { piece.reached } else { (0, piece.start) };
         while at < block_start {
-            frame = piece.frame_after(at, &frame, at + piece.block);
+            frame = piece.frame_after(piece.arc_length(at), &frame, piece.arc_length(at + piece.block));
             at += piece.block;
         }
         piece.reached = (at, frame);
@@ -336,7 +356,8 @@ impl Course {
             step /= 2;
             if target - at >= step {
                 let cached = self.frames[piece.first_cell + at + step];
-                frame = cached.unwrap_or_else(|| piece.frame_after(at, &frame, at + step));
+                let (from, to) = (piece.arc_length(at), piece.arc_length(at + step));
+                frame = cached.unwrap_or_else(|| piece.frame_after(from, &frame, to));
                 at += step;
                 self.frames[piece.first_cell + at] = Some(frame);
             }
@@ -348,8 +369,28 @@ impl Course {
     /// ε of a cell.
     pub(super) fn cell_slack(&self, cell: usize) -> Slack {
         let piece = &self.pieces[self.piece_of(cell)];
-        let stretch = piece.stretch(cell - piece.first_cell, cell + 1 - piece.first_cell);
+        self.slack_of(&piece.stretch_of(cell, cell + 1))
+    }
+
+    fn slack_of(&self, stretch: &Stretch) -> Slack {
         Slack::new(&self.body, stretch.bounds(), stretch.length)
+    }
+
+    /// A cell in equal parts of at most [`FINE_SPACING`], from the frames at its limits.
+    pub(super) fn subcells(&self, cell: usize, [start, end]: [Frame; 2]) -> Vec<Subcell> {
+        let piece = &self.pieces[self.piece_of(cell)];
+        let begins = piece.arc_length(cell - piece.first_cell);
+        let length = piece.arc_length(cell + 1 - piece.first_cell) - begins;
+        let count = cells_for(length, FINE_SPACING);
+        let limit = |i: usize| begins + length * i as f64 / count as f64;
+        let mut frame = start;
+        let subcell = |i: usize| {
+            let (from, to) = (limit(i), limit(i + 1));
+            let next = if i + 1 == count { end } else { piece.frame_after(from, &frame, to) };
+            let ends = [std::mem::replace(&mut frame, next), next];
+            Subcell { station: piece.first_station + from, ends, slack: self.slack_of(&piece.stretch(from, to)) }
+        };
+        (0..count).map(subcell).collect()
     }
 
     /// Inflation of the rectangles at both ends of a node for which their hull, with margins of the given reach, contains the
@@ -357,7 +398,7 @@ impl Course {
     /// inflates the body for the ε of the node. A second [`SKIN`] covers the rounding of the coarse test.
     pub(super) fn node_slack(&self, node: &Node, reach: f64) -> f64 {
         let piece = &self.pieces[node.piece];
-        let stretch = piece.stretch(node.first - piece.first_cell, node.end - piece.first_cell);
+        let stretch = piece.stretch_of(node.first, node.end);
         let bounds = stretch.bounds();
         let own = Slack::new(&self.body, bounds, stretch.length / node.cells() as f64).at(reach);
         own + Slack::new(&self.body, bounds, stretch.length).at(reach + std::f64::consts::SQRT_2 * own)
@@ -492,7 +533,7 @@ mod tests {
             let limit = |share: f64| (share * n as f64) as usize;
             let (a, b) = (limit(from.min(to)), limit(from.max(to)) + 1);
             let piece = &course.pieces[0];
-            let (k, k1) = piece.stretch(a, b.min(n).max(a + 1)).bounds();
+            let (k, k1) = piece.stretch_of(a, b.min(n).max(a + 1)).bounds();
             for i in a..=b.min(n) {
                 let s = course.station(i).min(spiral.length);
                 prop_assert!(spiral.curvature(s).abs() <= k + 1e-12);

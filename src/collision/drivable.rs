@@ -18,8 +18,9 @@ use geo::{BooleanOps, Coord, LineString, MultiPolygon, Polygon, unary_union};
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 
+use super::ROUNDING;
 use super::convert::{Local, Origin};
-use super::convex::{Convex, depth_of};
+use super::convex::{Convex, box_distance, depth_of};
 use crate::geometry::Point;
 use crate::map::{Lanelet, RoadNetwork};
 
@@ -111,7 +112,9 @@ impl DrivableArea {
 
     /// Distance from a convex polygon with the given box to the boundary, at most `cap`, m.
     pub(super) fn boundary_distance(&self, hull: &[Local], aabb: &Aabb, cap: f64) -> f64 {
-        super::nearest(&self.tree, &self.segments, hull, aabb, cap)
+        let to_box = |node: &BvhNode, _| box_distance(&node.aabb(), aabb) - ROUNDING;
+        let to_segment = |leaf: u32, _| Some(self.segments[leaf as usize].distance_to(hull));
+        self.tree.find_best(cap, to_box, to_segment).map_or(cap, |(_, distance)| distance)
     }
 
     /// Depth by which a convex polygon (counter-clockwise) leaves the area, m; `None` if it does not. With corners outside:

@@ -4,10 +4,9 @@
 //!
 //! Every query names its margins ([`SafetyMargins`]); a world has none.
 //!
-//! - A lattice edge: the first station at which the swept footprint meets a static obstacle or leaves the road
-//!   ([`CollisionWorld::static_hit`]), and its clearance ([`CollisionWorld::clearance`]). [`CollisionWorld::probe`] answers
-//!   both without a sweep, coarse to fine, for thousands of candidates.
-//! - A chain of edges: the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
+//! - A lattice edge or a path ([`CollisionWorld::probe`]): the first station at which the swept footprint meets a static
+//!   obstacle or leaves the road ([`EdgeProbe::static_hit`]), and its clearance ([`EdgeProbe::clearance`]).
+//! - A chain of edges, swept ([`CollisionWorld::sweep`]): the times at which moving obstacles block each station cell ([`CollisionWorld::blocked`]).
 //! - The start: the obstacle or boundary that the vehicle already overlaps ([`CollisionWorld::start_overlap`]).
 //!
 //! # Technique
@@ -51,11 +50,7 @@ pub use uncertainty::MotionBounds;
 
 use std::sync::Arc;
 
-use parry2d::bounding_volume::Aabb;
-use parry2d::partitioning::Bvh;
-
-use self::convert::{Local, Origin};
-use self::convex::{Convex, box_distance};
+use self::convert::Origin;
 use self::outline::Outline;
 use self::swept::Frame;
 use crate::geometry::Pose;
@@ -230,8 +225,7 @@ impl CollisionWorld {
         Sweep::new(&self.origin, &self.outline, self.spacing, &swept::pieces_of(path))
     }
 
-    /// A lazy coarse-to-fine check of a spiral against the static world: the results of
-    /// [`CollisionWorld::static_hit_from_start`] and [`CollisionWorld::clearance`] without a [`Sweep`].
+    /// A check of a spiral against the static world, without a [`Sweep`].
     #[must_use]
     pub fn probe(&self, start: &Pose, spiral: &CubicSpiral) -> EdgeProbe<'_> {
         EdgeProbe::new(self, &[(*start, *spiral)])
@@ -243,34 +237,23 @@ impl CollisionWorld {
         EdgeProbe::new(self, &swept::pieces_of(path))
     }
 
-    /// The first cell that meets a static obstacle or leaves the road, with margins.
-    #[must_use]
-    pub fn static_hit(&self, sweep: &Sweep, margins: &SafetyMargins) -> Option<StaticHit> {
-        self.statics.first_hit(sweep, margins, &Allowance::NONE)
-    }
-
-    /// [`CollisionWorld::static_hit`] for a sweep from the vehicle's position, which may already be inside a margin or
-    /// partly off the road.
-    #[must_use]
-    pub fn static_hit_from_start(
-        &self,
-        sweep: &Sweep,
-        margins: &SafetyMargins,
-        allowance: &Allowance,
-    ) -> Option<StaticHit> {
-        self.statics.first_hit(sweep, margins, allowance)
-    }
-
-    /// Smallest distances of the sweep to static obstacles and to the road boundary, without margins, at most `cap`, m.
-    #[must_use]
-    pub fn clearance(&self, sweep: &Sweep, cap: f64) -> Clearance {
-        self.statics.clearance(sweep, cap)
-    }
-
     /// The cells that moving obstacles block on consecutive sweeps between two times (s).
     #[must_use]
     pub fn blocked(&self, sweeps: &[&Sweep], margins: &SafetyMargins, from: f64, to: f64) -> BlockedGrid {
         self.predictions.blocked(sweeps, &margins.moving_obstacles, from, to)
+    }
+
+    /// [`CollisionWorld::blocked`] at a fine resolution up to a station: subcells of 0.1 m and sub-slices of 0.025 s where a cell is
+    /// blocked.
+    #[must_use]
+    pub fn blocked_finely(
+        &self,
+        sweeps: &[&Sweep],
+        margins: &SafetyMargins,
+        times: (f64, f64),
+        fine_until: f64,
+    ) -> BlockedGrid {
+        self.predictions.blocked_finely(sweeps, &margins.moving_obstacles, times, fine_until)
     }
 
     /// The overlap of the vehicle without margins at a pose and a time (s). An obstacle takes precedence over the road
@@ -306,10 +289,3 @@ fn origin_of(network: &RoadNetwork, occupancy: Option<&OccupancyGrid>, obstacles
 /// Tolerance of box distances, m. With it rounding cannot exclude a piece, and the smallest distance does not depend on the
 /// order of the pieces.
 const ROUNDING: f64 = 1e-9;
-
-/// Distance from a convex polygon with the given box to the nearest piece, at most `cap`, m.
-fn nearest(tree: &Bvh, pieces: &[Convex], hull: &[Local], aabb: &Aabb, cap: f64) -> f64 {
-    let to_box = |node: &parry2d::partitioning::BvhNode, _| box_distance(&node.aabb(), aabb) - ROUNDING;
-    let to_piece = |leaf: u32, _| Some(pieces[leaf as usize].distance_to(hull));
-    tree.find_best(cap, to_box, to_piece).map_or(cap, |(_, distance)| distance)
-}

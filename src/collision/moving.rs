@@ -24,6 +24,8 @@
 //! # Weakness
 //! One hull covers a piece that moves far in a slice while turning. There are no regions beyond the horizon.
 
+mod fine;
+
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -104,8 +106,16 @@ struct Track {
 struct Course {
     /// The first state.
     begins: TimedPose,
+    shape: MovingShape,
     legs: Vec<Leg>,
     may_reverse: Reversing,
+}
+
+/// A shape with its states: times (s) and poses relative to the origin.
+#[derive(Debug, Clone)]
+struct MovingShape {
+    states: Vec<(f64, Pose)>,
+    parts: Vec<ConvexPart>,
 }
 
 /// Whether an obstacle of a kind may move backwards.
@@ -186,12 +196,35 @@ impl Predictions {
     /// step 0 of the file; extended to whole slices and limited to the horizon).
     #[must_use]
     pub fn blocked(&self, sweeps: &[&Sweep], margins: &Margins, from: f64, to: f64) -> BlockedGrid {
+        self.blocked_finely(sweeps, margins, (from, to), f64::NEG_INFINITY)
+    }
+
+    /// [`Predictions::blocked`] at a fine resolution up to a station, m from the start of the first sweep: subcells of 0.1 m and
+    /// sub-slices of 0.025 s where a cell is blocked.
+    #[must_use]
+    pub fn blocked_finely(
+        &self,
+        sweeps: &[&Sweep],
+        margins: &Margins,
+        (from, to): (f64, f64),
+        fine_until: f64,
+    ) -> BlockedGrid {
         let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
         let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
-        let mut grid = GridBuilder::new(self.slice, first..end);
+        let time = |slice: usize| slice as f64 * self.slice;
+        let mut grid = GridBuilder::new((time(first), time(end)), |track: usize| self.tracks[track].id);
         for sweep in sweeps {
-            let id = |track: usize| self.tracks[track].id;
-            grid.append(sweep, &self.kept_runs(sweep, margins, first).runs, id);
+            let kept = self.kept_runs(sweep, margins, first);
+            let before = grid.end();
+            for (cell, limits) in sweep.grid_stations().windows(2).enumerate() {
+                if before + limits[0] < fine_until && !kept.runs.of(cell).is_empty() {
+                    let slices = first..end;
+                    let division = fine::Division { predictions: self, sweep, margins, coarse: &kept.runs, slices };
+                    division.of(cell, |end, runs, time| grid.push(before + end, runs, time));
+                } else {
+                    grid.push(before + limits[1], kept.runs.of(cell), time);
+                }
+            }
         }
         grid.finish()
     }
@@ -233,7 +266,7 @@ impl Predictions {
                     }
                     let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, margins));
                     let reach = sweep.cell_box(cell, margins);
-                    if slice.pieces.iter().any(|p| boxes_meet(p.aabb(), &reach) && p.overlaps(shape)) {
+                    if slice.meets(shape, &reach) {
                         bits.set(station_cell, j - range.start, chunk.track);
                     }
                 });
@@ -280,14 +313,16 @@ impl Track {
             Motion::Trajectory(states) => {
                 let begins = *states.first()?;
                 let parts = obstacle.shape.convex_parts();
-                let (first, slices, legs) = of_trajectory(states, &parts, origin, slice, slices)?;
+                let states = states.iter().map(|s| (s.time, origin.local_pose(&s.pose))).collect();
+                let shape = MovingShape { states, parts };
+                let (first, slices, legs) = shape.divided(slice, slices)?;
                 let may_reverse = match obstacle.kind {
                     ObstacleKind::Vehicle | ObstacleKind::Bicycle | ObstacleKind::ParkedVehicle => {
                         Reversing::IfVehiclesDo
                     }
                     ObstacleKind::Pedestrian | ObstacleKind::Structure | ObstacleKind::Unknown => Reversing::Always,
                 };
-                Some(Self { id: obstacle.id, first, slices, course: Some(Course { begins, legs, may_reverse }) })
+                Some(Self { id: obstacle.id, first, slices, course: Some(Course { begins, shape, legs, may_reverse }) })
             }
             Motion::Occupancy(sets) => {
                 let (first, slices) = of_sets(sets, origin, slice, slices)?;
@@ -330,41 +365,45 @@ impl Track {
 }
 
 impl Slice {
+    /// Whether it shares a point with a footprint in a box.
+    fn meets(&self, shape: &mut SweptCorners, aabb: &Aabb) -> bool {
+        self.pieces.iter().any(|p| boxes_meet(p.aabb(), aabb) && p.overlaps(shape))
+    }
+
     fn push(&mut self, piece: Convex) {
         self.aabb = Some(self.aabb.map_or(*piece.aabb(), |aabb| merged(&aabb, piece.aabb())));
         self.pieces.push(piece);
     }
 }
 
-fn of_trajectory(
-    states: &[TimedPose],
-    parts: &[ConvexPart],
-    origin: &Origin,
-    slice: f64,
-    slices: usize,
-) -> Option<(usize, Vec<Slice>, Vec<Leg>)> {
-    let (first, last) = (states.first()?, states.last()?);
-    let states: Vec<(f64, Pose)> = states.iter().map(|s| (s.time, origin.local_pose(&s.pose))).collect();
-    let range = overlapped(first.time, last.time, slice, slices);
-    let (mut regions, mut legs) = (Vec::with_capacity(range.len()), Vec::with_capacity(range.len()));
-    let mut heading = first.pose.yaw;
-    for j in range.clone() {
-        let (from, to) = ((j as f64 * slice).max(first.time), ((j + 1) as f64 * slice).min(last.time));
-        let poses = poses_between(&states, from, to);
-        let leg = leg_along(&poses, heading, to);
-        heading = leg.heading;
-        legs.push(leg);
+impl MovingShape {
+    /// The first slice, and the regions and the motion of all slices up to the last state.
+    fn divided(&self, slice: f64, slices: usize) -> Option<(usize, Vec<Slice>, Vec<Leg>)> {
+        let (first, last) = (self.states.first()?, self.states.last()?);
+        let range = overlapped(first.0, last.0, slice, slices);
+        let (mut regions, mut legs) = (Vec::with_capacity(range.len()), Vec::with_capacity(range.len()));
+        let mut heading = first.1.yaw;
+        for j in range.clone() {
+            let (from, to) = ((j as f64 * slice).max(first.0), ((j + 1) as f64 * slice).min(last.0));
+            let poses = poses_between(&self.states, from, to);
+            let leg = leg_along(&poses, heading, to);
+            heading = leg.heading;
+            legs.push(leg);
+            regions.push(self.region(&poses));
+        }
+        (!regions.is_empty()).then_some((range.start, regions, legs))
+    }
+
+    /// The region through consecutive poses.
+    fn region(&self, poses: &[Pose]) -> Slice {
         let turn = poses.windows(2).map(|w| wrap_angle(w[1].yaw - w[0].yaw).abs()).fold(0.0, f64::max);
         let mut region = Slice::default();
-        for part in parts {
+        for part in &self.parts {
             let slack = 0.125 * turn * turn * part.bounding_radius();
-            if let Some(piece) = Convex::moved_through(part, &poses, slack) {
-                region.push(piece);
-            }
+            Convex::moved_through(part, poses, slack).into_iter().for_each(|piece| region.push(piece));
         }
-        regions.push(region);
+        region
     }
-    (!regions.is_empty()).then_some((range.start, regions, legs))
 }
 
 /// The motion through some poses, from an unwrapped heading, up to a time.

@@ -31,7 +31,7 @@ use parry2d::bounding_volume::Aabb;
 
 use super::convert::{Local, Origin, vector};
 use super::convex::{Convex, SweptCorners, boxes_meet, inflated, merged};
-use super::course::{Course, Slack};
+use super::course::{Course, Slack, Subcell};
 use super::margins::Margins;
 use super::moving::KeptRuns;
 use super::outline::Outline;
@@ -139,6 +139,7 @@ pub struct Sweep {
     /// Limits of the station cells, m from the start, and the station cell of each cell.
     station_cells: (Vec<f64>, Vec<u32>),
     frames: Vec<Frame>,
+    course: Course,
     /// ε of each cell.
     slack: Vec<Slack>,
     /// The largest [`Slack::growth`].
@@ -171,7 +172,7 @@ impl Sweep {
         let outline = outline.clone();
         let station_cells = course.station_cells();
         let (origin, kept_runs) = (*origin, KeptRuns::default());
-        Self { stations, station_cells, frames, slack, growth, boxes, block_boxes, outline, origin, kept_runs }
+        Self { stations, station_cells, frames, course, slack, growth, boxes, block_boxes, outline, origin, kept_runs }
     }
 
     /// Number of cells, at least one.
@@ -237,16 +238,21 @@ impl Sweep {
         self.outline.footprint(ends, margins, self.slack[cell].at(margins.reach()))
     }
 
+    /// The subcells of a station cell, in order.
+    pub(super) fn subcells(&self, grid_cell: usize) -> Vec<Subcell> {
+        #[allow(clippy::cast_possible_truncation)] // there are not 2³² cells
+        let first = self.station_cells.1.partition_point(|of| *of < grid_cell as u32);
+        let cells = (first..self.cells()).take_while(|cell| self.grid_cell(*cell) == grid_cell);
+        cells.flat_map(|cell| self.course.subcells(cell, [self.frames[cell], self.frames[cell + 1]])).collect()
+    }
+
+    /// The footprint of a subcell with margins.
+    pub(super) fn subcell_corners(&self, subcell: &Subcell, margins: &Margins) -> SweptCorners {
+        self.outline.footprint(subcell.ends, margins, subcell.slack.at(margins.reach()))
+    }
+
     pub(super) fn kept_runs(&self) -> &KeptRuns {
         &self.kept_runs
-    }
-
-    pub(super) fn frames(&self) -> &[Frame] {
-        &self.frames
-    }
-
-    pub(super) fn outline(&self) -> &Outline {
-        &self.outline
     }
 
     pub(super) fn boxes(&self) -> &BoxTree {
@@ -264,7 +270,7 @@ impl Sweep {
     }
 
     /// `false` only if the oriented box of a block of cells, with margins, is apart from the piece.
-    pub(super) fn block_may_meet(&self, block: usize, piece: &Convex, margins: &Margins) -> bool {
+    fn block_may_meet(&self, block: usize, piece: &Convex, margins: &Margins) -> bool {
         self.block_boxes[block].may_meet(piece, self.reach(margins))
     }
 
@@ -294,7 +300,7 @@ pub(super) struct BoxTree {
 }
 
 /// Number of boxes per box of the next level.
-pub(super) const FAN: usize = 8;
+const FAN: usize = 8;
 
 impl BoxTree {
     fn new(cells: Vec<Aabb>) -> Self {
@@ -309,11 +315,6 @@ impl BoxTree {
 
     pub(super) fn cell(&self, cell: usize) -> &Aabb {
         &self.levels[0][cell]
-    }
-
-    /// Boxes around [`FAN`] cells each.
-    pub(super) fn blocks(&self) -> &[Aabb] {
-        &self.levels[1]
     }
 
     /// The box around all cells.

@@ -69,14 +69,13 @@ impl KeptPrefix {
     pub(super) fn root(context: &LatticeContext<'_>, root: &Root, weights: &Weights) -> Self {
         let length = root.kept.iter().map(|s| s.length).sum();
         let path = crate::trajectory::Path::new(root.start, &root.kept);
-        let sweep = path.map(|path| context.world.sweep_path(&path));
+        let mut probe = path.as_ref().map(|path| context.world.probe_path(path));
+        let desired = weights.desired_clearance;
         Self {
             length,
-            clearance: sweep
-                .as_ref()
-                .map_or(Self::EMPTY.clearance, |s| context.world.clearance(s, weights.desired_clearance)),
-            hit: sweep.as_ref().and_then(|s| context.world.static_hit_from_start(s, &context.margins, &root.allowance)),
-            sweeps: sweep.into_iter().map(Arc::new).collect(),
+            hit: probe.as_mut().and_then(|probe| probe.static_hit(&context.margins, &root.allowance)),
+            clearance: probe.map_or(Self::EMPTY.clearance, |mut probe| probe.clearance(desired)),
+            sweeps: path.iter().map(|path| Arc::new(context.world.sweep_path(path))).collect(),
             allowance: Allowance {
                 no_margins_until: root.allowance.no_margins_until - length,
                 no_road_until: root.allowance.no_road_until - length,

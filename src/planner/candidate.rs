@@ -23,6 +23,8 @@ pub(super) struct Situation<'a> {
     pub(super) traffic: &'a Predictions,
     /// Margins to them, m.
     pub(super) margins: Margins,
+    /// Station of the path up to which they are resolved finely, m.
+    pub(super) fine_until: f64,
     pub(super) reference: &'a ReferenceLine,
     pub(super) goal: Option<GoalOnLane>,
     pub(super) goal_missed_at: Option<f64>,
@@ -238,7 +240,8 @@ impl Situation<'_> {
         let along = Along::new(&path.path, self.reference, self.station);
         let (end, stops_for) = self.end_of_path(path, &along);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
-        let grid = self.traffic.blocked(&sweeps, &self.margins, self.time, self.horizon.max(self.time + 1.0));
+        let times = (self.time, self.horizon.max(self.time + 1.0));
+        let grid = self.traffic.blocked_finely(&sweeps, &self.margins, times, self.fine_until);
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
             // no free cell: only a stopped vehicle has a plan here

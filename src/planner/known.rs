@@ -1,5 +1,5 @@
 //! What the planner knows of the obstacles: the predictions of the present observation, complete up to a horizon, and the
-//! collision worlds built from them.
+//! collision world built from them.
 //!
 //! Everything is kept as long as the observed obstacles stay the same, so that the cached checks of lattice edges stay valid.
 //! New predictions renew the moving part; only a change of the static obstacles invalidates the edges.
@@ -14,7 +14,7 @@
 use std::sync::Arc;
 
 use super::settings::{ExtrapolatedMotion, Extrapolation, Settings, Uncertainty};
-use crate::collision::{CollisionSettings, CollisionWorld, SettingsError};
+use crate::collision::{CollisionWorld, SettingsError};
 use crate::geometry::{Point, Pose, Vector};
 use crate::map::{Map, Motion, Obstacle, Part, Shape, TimedOccupancy, TimedPose};
 use crate::vehicle::Vehicle;
@@ -25,11 +25,6 @@ const STEP: f64 = 0.5;
 const LONGEST: f64 = 60.0;
 /// Where less than this is left of a horizon that ends before the predictions, it is renewed, s.
 const RENEWED: f64 = 30.0;
-/// Station cells of the world at a fine resolution, m.
-const FINE_SPACING: f64 = 0.1;
-/// Time slices of the world at a fine resolution, s.
-const FINE_SLICE: f64 = 0.025;
-
 /// The obstacles of the present observation.
 pub(super) struct Known {
     /// As observed.
@@ -38,8 +33,8 @@ pub(super) struct Known {
     pub(super) horizon: f64,
     /// Counts the changes of the static obstacles.
     pub(super) statics: u64,
-    /// The collision world, also at a fine resolution.
-    pub(super) worlds: [CollisionWorld; 2],
+    /// The collision world.
+    pub(super) world: CollisionWorld,
 }
 
 /// What changed with an observation.
@@ -54,7 +49,8 @@ impl Known {
     /// A world without obstacles.
     pub(super) fn nothing(map: Map<'_>, vehicle: &Vehicle, settings: &Settings) -> Result<Self, SettingsError> {
         let observed: Arc<[Obstacle]> = Arc::new([]);
-        Ok(Self { worlds: worlds(map, &observed, vehicle, settings, 0.0)?, observed, horizon: 0.0, statics: 0 })
+        let world = CollisionWorld::new(map.network, map.occupancy, &observed, vehicle, &settings.collision, 0.0)?;
+        Ok(Self { world, observed, horizon: 0.0, statics: 0 })
     }
 
     /// Whether `observed` are the obstacles known already.
@@ -85,25 +81,16 @@ impl Known {
         let horizon = ends.min(now + LONGEST);
         let complete: Vec<Obstacle> = observed.iter().flat_map(|o| completed(o, now, settings)).collect();
         match change {
-            Change::Static => self.worlds = worlds(map, &complete, vehicle, settings, horizon)?,
-            _ => self.worlds = [0, 1].map(|i| self.worlds[i].with_predictions(&complete, horizon)),
+            Change::Static => {
+                let Map { network, occupancy } = map;
+                self.world = CollisionWorld::new(network, occupancy, &complete, vehicle, &settings.collision, horizon)?;
+            }
+            _ => self.world = self.world.with_predictions(&complete, horizon),
         }
         (self.observed, self.horizon) = (Arc::clone(observed), horizon);
         self.statics += u64::from(change == Change::Static);
         Ok(change)
     }
-}
-
-fn worlds(
-    map: Map<'_>,
-    obstacles: &[Obstacle],
-    vehicle: &Vehicle,
-    settings: &Settings,
-    horizon: f64,
-) -> Result<[CollisionWorld; 2], SettingsError> {
-    let fine = CollisionSettings { spacing: FINE_SPACING, time_slice: FINE_SLICE, ..settings.collision };
-    let world = |settings| CollisionWorld::new(map.network, map.occupancy, obstacles, vehicle, settings, horizon);
-    Ok([world(&settings.collision)?, world(&fine)?])
 }
 
 /// The end of the prediction with its extrapolation, s of the run; −∞ for what stands still.

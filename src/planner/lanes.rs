@@ -26,8 +26,8 @@ pub(super) struct Lane {
     pub(super) goal_deadline: f64,
     /// Station intervals in which stopping is not allowed, m.
     pub(super) no_stopping: Vec<(f64, f64)>,
-    /// Cached lattice edges, for each collision world.
-    pub(super) stores: [EdgeStore; 2],
+    /// Cached lattice edges.
+    pub(super) edges: EdgeStore,
 }
 
 /// Why there is no lane to drive on.
@@ -133,7 +133,7 @@ impl Lane {
             samples: (0..=count).map(|i| reference.at(2.0 * i as f64).pose.position).collect(),
             no_stopping: kept_free(network, &reference),
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
-            stores: Default::default(),
+            edges: EdgeStore::default(),
             last_lanelet: *lanelets.last()?,
             goal_missed_at: None,
             goal_deadline: deadline(goals),

@@ -127,13 +127,13 @@ impl Planner<'_> {
     pub(super) fn contact_during(&self, lead: &Lead) -> Option<ExpectedContact> {
         let path = lead.path()?;
         let profile = SpeedProfile::new(lead.knots.clone())?;
-        let world = &self.known.worlds[1];
+        let world = &self.known.world;
         let sweep = world.sweep_path(&path);
         let end = lead.end(0.0);
         let ends = end.time;
         let at = TrajectoryPoint { pose: lead.start, time: lead.begins, ..end };
         let allowance = allowance_at(world, &NO_MARGINS, &at);
-        let hit = world.static_hit_from_start(&sweep, &NO_MARGINS, &allowance);
+        let hit = world.probe_path(&path).static_hit(&NO_MARGINS, &allowance);
         let fixed = hit.map(|hit| (hit.station, hit.what));
         first_contact(world.predictions(), &[&sweep], fixed, &profile, (lead.begins, ends))
     }

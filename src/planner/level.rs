@@ -59,10 +59,10 @@ impl Level {
 #[derive(Clone, Copy)]
 pub(super) struct LevelLimits {
     pub(super) level: Level,
-    /// Index of the collision world.
-    pub(super) world: usize,
     /// Margins of the collision checks.
     pub(super) margins: SafetyMargins,
+    /// Whether moving obstacles near the start are resolved finely.
+    pub(super) is_fine: bool,
     /// Largest acceleration, m/s².
     pub(super) acceleration: f64,
     /// Deceleration of nominal braking, m/s².
@@ -83,14 +83,24 @@ pub(super) struct LevelLimits {
     pub(super) robust: bool,
 }
 
+/// Station up to which moving obstacles are resolved finely from a start speed (m/s), m: bumper to bumper, cells of half a metre
+/// and slices of a tenth of a second are too coarse, until braking has opened the gap.
+pub(super) fn fine_until(speed: f64) -> f64 {
+    /// Length ahead of a standing vehicle, m.
+    const LENGTH: f64 = 2.0;
+    /// Time by which it is longer ahead of a moving one, s.
+    const TIME: f64 = 1.0;
+    LENGTH + TIME * speed
+}
+
 impl Planner<'_> {
     /// The levels with a proof, in the order of the attempts. A committed proven plan is not left for a harder level.
     pub(super) fn levels(&self) -> Vec<LevelLimits> {
         let comfort = &self.vehicle.comfort;
         let first = LevelLimits {
             level: Level::Comfort,
-            world: 0,
             margins: self.settings.collision.margins(),
+            is_fine: false,
             acceleration: comfort.acceleration,
             braking: comfort.deceleration,
             deceleration: comfort.aggressive_deceleration,
@@ -107,6 +117,7 @@ impl Planner<'_> {
             level: Level::NoMargin,
             time_gap: 0.0,
             margins: NO_MARGINS,
+            is_fine: true,
             search_share: 1.0,
             ..in_junction
         };
@@ -118,16 +129,15 @@ impl Planner<'_> {
         self.with_robust_levels(levels)
     }
 
-    /// The emergency levels of the settings, as far as the limits permit. Without a proven plan, the last one is tried again at a
-    /// fine resolution: for bumper-to-bumper traffic, cells of half a metre and slices of a tenth of a second are too coarse.
+    /// The emergency levels of the settings, as far as the limits permit.
     pub(super) fn emergency_levels(&self, limits: &ProofLimits) -> Vec<LevelLimits> {
         let one = |(index, e): (u8, &super::EmergencyLimits)| {
             let deceleration = e.deceleration.min(limits.deceleration());
             let is_fast = e.acceleration > self.vehicle.comfort.acceleration;
             LevelLimits {
                 level: Level::Emergency(index),
-                world: 0,
                 margins: NO_MARGINS,
+                is_fine: true,
                 acceleration: e.acceleration.min(limits.acceleration()),
                 braking: NOMINAL_SHARE * deceleration,
                 deceleration,
@@ -139,12 +149,7 @@ impl Planner<'_> {
                 robust: false,
             }
         };
-        let mut levels: Vec<LevelLimits> = (0..).zip(&self.settings.emergency).map(one).collect();
-        let is_proven = self.committed.as_ref().is_some_and(|c| c.level.is_proven());
-        if let Some(hardest) = levels.last().copied().filter(|_| !is_proven) {
-            levels.push(LevelLimits { world: 1, ..hardest });
-        }
-        levels
+        (0..).zip(&self.settings.emergency).map(one).collect()
     }
 }
 

@@ -58,7 +58,7 @@ use self::hysteresis::CommittedPlan;
 use self::known::{Change, Known};
 use self::lanes::Lane;
 use self::lead::Lead;
-use self::level::LevelLimits;
+use self::level::{LevelLimits, fine_until};
 use self::traffic::Traffic;
 use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
 use crate::geometry::spiral::CubicSpiral;
@@ -109,9 +109,9 @@ struct Committed {
     is_refined: bool,
     /// Length of its lead, m.
     lead: f64,
-    /// Index of the collision world of its proof, and the margins.
-    world: usize,
+    /// Margins of its proof, and up to which station traffic is resolved finely, m.
     margins: SafetyMargins,
+    fine_until: f64,
     /// Swept footprints along its path.
     sweeps: Vec<Arc<Sweep>>,
     /// The static obstacles of its proof: [`Known::statics`].
@@ -276,7 +276,7 @@ impl<'m> Planner<'m> {
         let change = self.known.renew(obstacles, state.time, self.map, &self.vehicle, &self.settings)?;
         self.traffic.renew(change);
         if change == Change::Static {
-            self.lanes.iter_mut().flatten().for_each(|lane| lane.stores = Default::default());
+            self.lanes.iter_mut().flatten().for_each(|lane| lane.edges = Default::default());
         }
         let is_first = self.goals.is_none();
         if is_first {
@@ -355,7 +355,7 @@ impl<'m> Planner<'m> {
         let speed = start.point.speed;
         let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
-        let world = &self.known.worlds[level.world];
+        let world = &self.known.world;
         let roots = self.roots(start, world, &level.margins);
         let full_speed_curvature = self.full_speed_curvature(start, level);
         let weights = self.settings.lattice.weights;
@@ -371,7 +371,7 @@ impl<'m> Planner<'m> {
             + ((URGENT_DISTANCE - distance_left) / URGENCY_DISTANCE_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
-            let store = &mut lane.stores[level.world];
+            let store = &mut lane.edges;
             let found = self.lattice.search(&context, root, speed, horizon, store);
             counts.add(&found.counts);
             for mut path in found.paths {
@@ -407,6 +407,7 @@ impl<'m> Planner<'m> {
             settings: &self.settings,
             traffic: self.predictions_for(&level),
             margins: level.margins.moving_obstacles,
+            fine_until: if level.is_fine { fine_until(start.point.speed) } else { 0.0 },
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -451,12 +452,12 @@ impl<'m> Planner<'m> {
             let situation = self.situation(start, lanes.get(choice.lane)?, level);
             situation.limited_by(&choice.path, &profile, &choice.proven.target, stops_for)
         });
-        let lead = start.lead.path().map(|path| Arc::new(self.known.worlds[level.world].sweep_path(&path)));
+        let lead = start.lead.path().map(|path| Arc::new(self.known.world.sweep_path(&path)));
         Committed {
             trajectory: start.lead.followed_by(&choice.path.path, &profile),
             lead: start.lead.length(),
-            world: level.world,
             margins: level.margins,
+            fine_until: start.lead.length() + if level.is_fine { fine_until(start.point.speed) } else { 0.0 },
             path_cost: choice.path.terms.total() - choice.path.terms.plan_change,
             sweeps: lead.into_iter().chain(choice.path.sweeps).collect(),
             statics: self.known.statics,
@@ -536,8 +537,8 @@ fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryP
     const LEAVE_MARGIN: f64 = 6.0;
     /// Distance within which the vehicle must return to the road, m.
     const RETURN_TO_ROAD: f64 = 15.0;
-    let here = world.sweep(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
-    if world.static_hit(&here, margins).is_none() {
+    let mut here = world.probe(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
+    if here.static_hit(margins, &Allowance::NONE).is_none() {
         return Allowance::NONE;
     }
     let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);

@@ -52,7 +52,7 @@ impl Planner<'_> {
         if lane.reference.project(start.point.pose.position).l.abs() > OFFSET_SATURATES {
             return None;
         }
-        let world = &self.known.worlds[level.world];
+        let world = &self.known.world;
         let weights = &self.settings.lattice.weights;
         let commitment = committed_plan(self.committed.as_ref(), start)
             .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.plan_change));

@@ -42,7 +42,7 @@ impl Planner<'_> {
 
     /// Whether the part of the path that is still ahead is free of static obstacles, up to the standstill.
     fn is_free_of_statics(&self, plan: &Committed, margins: &SafetyMargins, now: f64) -> bool {
-        let (world, here) = (&self.known.worlds[plan.world], plan.trajectory.at(now));
+        let (world, here) = (&self.known.world, plan.trajectory.at(now));
         let ahead = Path::new(here.pose, &plan.trajectory.path.part(here.station, f64::INFINITY));
         let Some(ahead) = ahead else { return true };
         let allowance = allowance_at(world, margins, &here);
@@ -56,8 +56,8 @@ impl Planner<'_> {
         if sweeps.is_empty() {
             return true;
         }
-        let predictions = self.predictions_in(plan.world, robust);
-        let grid = predictions.blocked(&sweeps, &margins.moving_obstacles, now, horizon);
+        let predictions = self.predictions(robust);
+        let grid = predictions.blocked_finely(&sweeps, &margins.moving_obstacles, (now, horizon), plan.fine_until);
         let ahead = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from.max(now), b.to)).collect::<Vec<_>>();
         let stations = grid.stations().to_vec();
         let problem = SpeedProblem {

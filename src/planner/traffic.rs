@@ -36,7 +36,7 @@ use super::Planner;
 use super::known::Change;
 use super::level::{Level, LevelLimits};
 use super::settings::{RearTraffic, UncertaintyMode};
-use crate::collision::{CollisionSettings, CollisionWorld, MotionBounds, Predictions};
+use crate::collision::{CollisionSettings, MotionBounds, Predictions};
 use crate::geometry::Point;
 use crate::geometry::polyline::Polyline;
 use crate::map::{ConvexPart, Motion, Obstacle, RoadNetwork};
@@ -51,10 +51,10 @@ pub(super) struct Traffic {
     driven_path: Vec<Point>,
     /// Obstacles with the time interval in which they do not constrain proofs (s), in the order of the observation.
     yielding: Vec<(i64, (f64, f64))>,
-    /// For each collision world: the predictions without these intervals. Valid while `yielding` does not change.
-    binding: [OnceLock<Predictions>; 2],
-    /// For each collision world: the reachable sets of this cycle.
-    reachable: [OnceLock<Predictions>; 2],
+    /// The predictions without these intervals. Valid while `yielding` does not change.
+    binding: OnceLock<Predictions>,
+    /// The reachable sets of this cycle.
+    reachable: OnceLock<Predictions>,
 }
 
 /// Length of the ego path behind the vehicle, m. Obstacles farther behind constrain proofs.
@@ -69,7 +69,7 @@ impl Planner<'_> {
     pub(super) fn update_traffic(&mut self, state: &State) {
         let (traffic, now) = (&mut self.traffic, state.time);
         traffic.now = now;
-        traffic.reachable = Default::default();
+        traffic.reachable = OnceLock::new();
         let is_binding = self.settings.rear_traffic == RearTraffic::Binding;
         if is_binding && self.settings.extrapolation.duration <= 0.0 {
             return;
@@ -94,18 +94,18 @@ impl Planner<'_> {
         let yielding: Vec<_> = self.known.observed.iter().filter_map(yields).collect();
         if yielding != traffic.yielding {
             traffic.yielding = yielding;
-            traffic.binding = Default::default();
+            traffic.binding = OnceLock::new();
         }
     }
 
     /// The predictions that constrain proofs on a level.
     pub(super) fn predictions_for(&self, level: &LevelLimits) -> &Predictions {
-        self.predictions_in(level.world, level.robust)
+        self.predictions(level.robust)
     }
 
-    /// The predictions that constrain proofs in a collision world.
-    pub(super) fn predictions_in(&self, world: usize, robust: bool) -> &Predictions {
-        self.traffic.predictions_in(&self.known.worlds, (world, robust), &self.settings.uncertainty.bounds())
+    /// The predictions that constrain proofs, robust ones or others.
+    pub(super) fn predictions(&self, robust: bool) -> &Predictions {
+        self.traffic.predictions(self.known.world.predictions(), robust, &self.settings.uncertainty.bounds())
     }
 
     /// The levels, with those for robust proofs as the settings require.
@@ -144,18 +144,12 @@ impl Traffic {
         }
     }
 
-    fn predictions_in<'t>(
-        &'t self,
-        worlds: &'t [CollisionWorld; 2],
-        (world, robust): (usize, bool),
-        bounds: &MotionBounds,
-    ) -> &'t Predictions {
-        let all = worlds[world].predictions();
+    fn predictions<'t>(&'t self, all: &'t Predictions, robust: bool, bounds: &MotionBounds) -> &'t Predictions {
         let binding = match self.yielding[..] {
             [] => all,
-            _ => self.binding[world].get_or_init(|| all.without(&self.yielding)),
+            _ => self.binding.get_or_init(|| all.without(&self.yielding)),
         };
-        if robust { self.reachable[world].get_or_init(|| binding.reachable(self.now, bounds)) } else { binding }
+        if robust { self.reachable.get_or_init(|| binding.reachable(self.now, bounds)) } else { binding }
     }
 }
 

@@ -10,10 +10,10 @@
 //!
 //! Weak: the severity of a contact is its speed alone; a contact with a pedestrian counts as one with a wall.
 
-use super::level::{Level, LevelLimits, NO_MARGINS};
+use super::level::{Level, LevelLimits, NO_MARGINS, fine_until};
 use super::record::ExpectedContact;
 use super::{Committed, CycleRecord, Planner, Smoothing, Start};
-use crate::collision::{Blocker, Predictions, Sweep};
+use crate::collision::{Allowance, Blocker, Predictions, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 
@@ -57,7 +57,7 @@ impl Planner<'_> {
         }
         let deceleration = self.unreserved.deceleration().max(LEAST_BRAKING);
         let mut best = self.braking_on_arc(start, deceleration);
-        if let Some(hardest) = levels.iter().rfind(|level| level.world == 0) {
+        if let Some(hardest) = levels.last() {
             self.brake_on_lanes(start, *hardest, deceleration, &mut best, record);
         }
         let committed = Committed {
@@ -67,8 +67,8 @@ impl Planner<'_> {
             smoothing: Smoothing::EmergencyStop,
             is_refined: false,
             lead: start.lead.length(),
-            world: 0,
             margins: NO_MARGINS,
+            fine_until: 0.0,
             sweeps: Vec::new(),
             statics: self.known.statics,
             path_cost: 0.0,
@@ -111,9 +111,10 @@ impl Planner<'_> {
         let arc = CubicSpiral { knots: [p.curvature.clamp(-bound, bound); 4], length };
         let path = Path::new(p.pose, &[arc]).or_else(|| Path::new(p.pose, &[CubicSpiral::straight(length)]));
         let path = path.unwrap_or_else(|| unreachable!("a straight spiral of positive length is a path"));
-        let world = &self.known.worlds[0];
+        let world = &self.known.world;
         let sweep = world.sweep_path(&path);
-        let blocked_at = world.static_hit(&sweep, &NO_MARGINS).map(|hit| (hit.station, hit.what));
+        let hit = world.probe_path(&path).static_hit(&NO_MARGINS, &Allowance::NONE);
+        let blocked_at = hit.map(|hit| (hit.station, hit.what));
         self.braking_along(start, &path, &[&sweep], blocked_at, deceleration)
             .unwrap_or_else(|| unreachable!("the path is long enough to stop on"))
     }
@@ -136,7 +137,7 @@ impl Planner<'_> {
         } else {
             path.clone()
         };
-        let predictions = self.known.worlds[0].predictions();
+        let predictions = self.known.world.predictions();
         let contact = first_contact(predictions, sweeps, blocked_at, &profile, (p.time, f64::INFINITY));
         Some(Braking { trajectory: start.lead.followed_by(&path, &profile), contact: start.lead_contact.or(contact) })
     }
@@ -175,7 +176,8 @@ pub(super) fn first_contact(
 ) -> Option<ExpectedContact> {
     let fixed = blocked_at.and_then(|(station, what)| contact_at(profile, begins, station, what));
     let margins = &NO_MARGINS.moving_obstacles;
-    let grid = predictions.blocked(sweeps, margins, begins, until.min(predictions.horizon()).max(begins + 1.0));
+    let times = (begins, until.min(predictions.horizon()).max(begins + 1.0));
+    let grid = predictions.blocked_finely(sweeps, margins, times, fine_until(profile.knots()[0].speed));
     let end = profile.last();
     let visited = |cell: usize| grid.stations()[cell] <= end.station;
     let visit = |cell: usize| {

@@ -5,7 +5,6 @@ use stopline::collision::{
     Allowance, BlockedGrid, CollisionSettings, CollisionWorld, Margins, SafetyMargins, StaticHit, Sweep,
 };
 use stopline::fixtures::{self, straight_lanelet};
-use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose, Vector, cross};
 use stopline::map::{ConvexPart, Lanelet, Obstacle, Part, Scenario, Shape};
@@ -72,7 +71,15 @@ impl World {
 }
 
 pub(crate) fn footprint(pose: &Pose) -> Vec<Point> {
-    vehicle().footprint.bounding_rectangle().iter().map(|p| pose.to_world(*p)).collect()
+    inflated(pose, &Margins::NONE)
+}
+
+/// The vehicle with margins at a pose.
+pub(crate) fn inflated(pose: &Pose, margins: &Margins) -> Vec<Point> {
+    let corners = vehicle().footprint.bounding_rectangle();
+    let middle = 0.5 * (corners[0].x + corners[2].x);
+    let out = |p: &Point| Vector::new((p.x - middle).signum() * margins.longitudinal, p.y.signum() * margins.lateral);
+    corners.iter().map(|p| pose.to_world(p + out(p))).collect()
 }
 
 /// Signed separation of convex polygons over the directions of their edges: negative when they overlap. Slow and simple.
@@ -96,8 +103,31 @@ pub(crate) fn point_distance(polygon: &[Point], p: Point) -> f64 {
     if inside {
         return 0.0;
     }
-    let closed = Polyline::new(polygon.iter().chain(std::iter::once(&polygon[0])).copied()).unwrap();
-    closed.project(p).offset.abs()
+    ring_distance(polygon, p)
+}
+
+/// Distance from a convex polygon to a convex polygon, a segment or a circle, 0 if they overlap. Slow and simple.
+pub(crate) fn distance(polygon: &[Point], part: &ConvexPart) -> f64 {
+    match part {
+        ConvexPart::Circle { centre, radius } => (point_distance(polygon, *centre) - radius).max(0.0),
+        ConvexPart::Polygon(points) if separation(polygon, points) <= 0.0 => 0.0,
+        ConvexPart::Polygon(points) => {
+            let from = points.iter().map(|p| point_distance(polygon, *p));
+            let to = polygon.iter().map(|p| ring_distance(points, *p));
+            from.chain(to).fold(f64::INFINITY, f64::min)
+        }
+    }
+}
+
+/// Distance of a point to the sides of a polygon.
+fn ring_distance(ring: &[Point], p: Point) -> f64 {
+    let sides = ring.iter().zip(ring.iter().cycle().skip(1)).filter(|(a, b)| a != b);
+    sides
+        .map(|(a, b)| {
+            let share = ((p - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+            (p - (a + (b - a) * share)).norm()
+        })
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Whether the footprint overlaps any piece by more than `by` metres.

@@ -2,6 +2,7 @@
 
 mod coarse;
 mod excess;
+mod fine;
 mod grid;
 mod helpers;
 mod million;

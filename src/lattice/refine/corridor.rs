@@ -1,7 +1,7 @@
 //! Lateral displacement of the footprint from a path that is free of static obstacles.
 
 use super::chain::Sample;
-use crate::collision::Allowance;
+use crate::collision::{Allowance, EdgeProbe};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::LatticeContext;
@@ -31,7 +31,7 @@ pub(super) struct Probe<'a> {
     pub(super) desired: f64,
 }
 
-/// Length of the sweep at a pose, m.
+/// Length of the path at a pose, m.
 const PROBE_LENGTH: f64 = 0.02;
 /// Reduction of a free width below the limit, m: sweeps of whole edges are wider than these by their slack.
 const RESERVE: f64 = 0.02;
@@ -44,17 +44,17 @@ impl Probe<'_> {
         let yaw = self.frame.yaw + sample.pose.yaw;
         let pose = Pose { position: self.frame.to_world(sample.pose.position), yaw };
         let at = |d: f64| Pose { position: pose.position + pose.left() * d, yaw };
-        let (world, margins) = (self.context.world, &self.context.margins);
+        let margins = &self.context.margins;
         let to_obstacle = self.limit + margins.static_obstacles.lateral.hypot(margins.static_obstacles.longitudinal);
         // a centimetre for the inflation of the road surface and the length of the probe
         let to_road = self.limit + margins.road + 0.01;
         let cap = to_obstacle.max(to_road).max(self.desired + self.limit) + PROBE_LENGTH;
-        let clearance = |pose: &Pose, cap: f64| world.clearance(&self.sweep(pose), cap);
+        let clearance = |pose: &Pose, cap: f64| self.at(pose).clearance(cap);
         let here = clearance(&pose, cap);
         let (right, left) = if here.obstacle >= to_obstacle && here.road >= to_road {
             (self.limit, self.limit)
         } else {
-            let free = |d: f64| world.static_hit_from_start(&self.sweep(&at(d)), margins, allowance).is_none();
+            let free = |d: f64| self.at(&at(d)).static_hit(margins, allowance).is_none();
             (self.reach(|d| free(-d)), self.reach(free))
         };
         let near = closeness(&here);
@@ -67,8 +67,9 @@ impl Probe<'_> {
         FreeWidth { right, left, clearance }
     }
 
-    fn sweep(&self, pose: &Pose) -> crate::collision::Sweep {
-        self.context.world.sweep(pose, &CubicSpiral::straight(PROBE_LENGTH))
+    /// The check at a pose.
+    fn at(&self, pose: &Pose) -> EdgeProbe<'_> {
+        self.context.world.probe(pose, &CubicSpiral::straight(PROBE_LENGTH))
     }
 
     /// The largest free displacement up to the limit, by bisection; zero if there is none.

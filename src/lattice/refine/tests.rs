@@ -197,8 +197,8 @@ fn every_pose_respects_the_margins_and_the_corridor() {
             let better = refine(context, &path, &settings).unwrap();
             let line = Polyline::new(path.path.sampled(0.05).into_iter().map(|(_, p)| p.pose.position)).unwrap();
             for (_, point) in better.path.sampled(0.05) {
-                let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
-                assert_eq!(context.world.static_hit(&here, &context.margins), None, "at {:?}", point.pose);
+                let mut here = context.world.probe(&point.pose, &CubicSpiral::straight(0.001));
+                assert_eq!(here.static_hit(&context.margins, &Allowance::NONE), None, "at {:?}", point.pose);
                 // the linearisation has an error of some centimetres
                 let offset = line.project(point.pose.position).offset;
                 assert!(offset.abs() < limit + 0.05, "{offset} of {limit} at {:?}", point.pose);
@@ -219,8 +219,8 @@ fn a_narrow_passage_keeps_its_margins() {
         let better = refine(context, &path, &RefinementSettings::default()).unwrap_or_else(|| path.clone());
         assert!(better.terms.total() <= path.terms.total());
         for (_, point) in better.path.sampled(0.05) {
-            let here = context.world.sweep(&point.pose, &CubicSpiral::straight(0.001));
-            assert_eq!(context.world.static_hit(&here, &context.margins), None);
+            let mut here = context.world.probe(&point.pose, &CubicSpiral::straight(0.001));
+            assert_eq!(here.static_hit(&context.margins, &Allowance::NONE), None);
         }
     });
 }

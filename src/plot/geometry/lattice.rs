@@ -1,7 +1,7 @@
 //! The conformal lattice on a road with obstacles, and the swept footprint of the cheapest path.
 
 use super::{LEGEND, band, dot, framed, label, legend_row, sheet, stroke};
-use crate::collision::{CollisionSettings, CollisionWorld, Margins, SafetyMargins, Sweep};
+use crate::collision::{Allowance, Blocker, CollisionSettings, CollisionWorld, Margins, SafetyMargins, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::{Point, Pose, wrap_angle};
 use crate::lattice::{EdgeStore, Lattice, LatticeContext, LatticePath, Root, Settings};
@@ -79,7 +79,7 @@ impl<'a> LatticeScene<'a> {
     /// The cheapest path of the lattice.
     fn chosen(&self) -> Option<LatticePath> {
         let start = self.reference.offset_pose(START, 0.0)?;
-        let allowance = crate::collision::Allowance::NONE;
+        let allowance = Allowance::NONE;
         let root = Root { pose: start.pose, curvature: start.curvature, kept: vec![], start: start.pose, allowance };
         let mut store = EdgeStore::default();
         self.lattice.search(&self.context(), &root, SPEED, HORIZON, &mut store).paths.into_iter().next()
@@ -105,9 +105,8 @@ impl<'a> LatticeScene<'a> {
 
     fn is_on_road(&self, pose: &Pose) -> bool {
         const LENGTH: f64 = 0.05;
-        let here = self.world.sweep(pose, &CubicSpiral::straight(LENGTH));
-        let road_edge = crate::collision::Blocker::RoadBoundary;
-        self.world.static_hit(&here, &margins()).is_none_or(|hit| hit.what != road_edge)
+        let hit = self.world.probe(pose, &CubicSpiral::straight(LENGTH)).static_hit(&margins(), &Allowance::NONE);
+        hit.is_none_or(|hit| hit.what != Blocker::RoadBoundary)
     }
 
     /// All edges between two layers.
@@ -124,12 +123,12 @@ impl<'a> LatticeScene<'a> {
         if spiral.max_abs_curvature() > self.vehicle.max_curvature() {
             return None;
         }
-        let sweep = self.world.sweep(&from.pose, &spiral);
-        let clearance = self.world.clearance(&sweep, AMPLE_CLEARANCE);
+        let mut probe = self.world.probe(&from.pose, &spiral);
+        let clearance = probe.clearance(AMPLE_CLEARANCE);
         Some(Edge {
             points: spiral.samples(&from.pose, 40).map(|(_, p)| p.pose.position).collect(),
             clearance: clearance.obstacle.min(clearance.road),
-            blocked: self.world.static_hit(&sweep, &margins()).is_some(),
+            blocked: probe.static_hit(&margins(), &Allowance::NONE).is_some(),
         })
     }
 
