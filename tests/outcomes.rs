@@ -97,6 +97,58 @@ fn a_road_almost_without_friction_is_an_outcome() {
     }
 }
 
+/// The lane is narrower than the vehicle all along, and blocked ahead: what the start imposes is no licence to drive round the
+/// obstacle off the road.
+#[test]
+fn a_vehicle_wider_than_its_lane_leaves_the_road_no_farther_than_it_must() {
+    let car = car();
+    let mut scenario = before_a_wall(&car, 5.0, 40.0);
+    scenario.obstacles[0].shape = Shape::rectangle(1.0, 1.5);
+    let half = 0.5 * car.width - 0.03;
+    for lanelet in scenario.network.lanelets.values_mut() {
+        let moved = |side: f64| {
+            let points = lanelet.centre.points();
+            let yaw = lanelet.centre.yaw_at(0.0);
+            Polyline::new(points.iter().map(|p| Pose { position: *p, yaw }.to_world(Point::new(0.0, side)))).unwrap()
+        };
+        (lanelet.left, lanelet.right) = (moved(half), moved(-half));
+    }
+    let run = driven(&scenario, &car);
+    let road = check(&run, "stays_on_road");
+    assert!(!road.failed(), "{road:?}");
+    let fallbacks = check(&run, "fallback_stops");
+    assert!(!fallbacks.failed(), "{fallbacks:?}");
+    assert_eq!(run.outcome, Outcome::StoppedSafely);
+}
+
+/// Where 2 m/s² and a standoff of a few centimetres suffice, nobody brakes with 8 for a standoff of 0.8 m.
+#[test]
+fn the_standoff_is_given_up_before_hard_braking() {
+    let car = car();
+    for (speed, distance) in [(2.0, 1.25), (5.0, 4.6)] {
+        let scenario = before_a_wall(&car, speed, distance);
+        let run = driven(&scenario, &car);
+        assert_eq!(run.outcome, Outcome::StoppedSafely, "{speed} m/s, {distance} m");
+        assert!(run.cycles.iter().all(|c| c.plan.level.is_proven()), "{speed} m/s, {distance} m");
+        // after the lag of the brakes, up to the wall
+        let needed = speed * speed / (2.0 * (distance - speed * car.actuators.brake_lag));
+        let hardest = run.log.samples.iter().map(|s| -s.acceleration).fold(0.0, f64::max);
+        assert!(hardest < 1.6 * needed, "{speed} m/s, {distance} m: {hardest} where {needed} suffice");
+    }
+}
+
+/// Brakes for a car ahead, and keeps to that: no milder plan round it with a centimetre to spare.
+#[test]
+fn a_proven_stop_is_not_left_for_a_swerve_without_margins() {
+    let car = car();
+    let mut scenario = before_a_wall(&car, 8.0, 6.8);
+    scenario.obstacles[0].shape = Shape::rectangle(1.0, 1.9);
+    let run = driven(&scenario, &car);
+    assert_eq!(run.outcome, Outcome::StoppedSafely);
+    assert!(run.cycles.iter().all(|c| c.plan.level.is_proven()));
+    assert!(!check(&run, "fallback_stops").failed() && !check(&run, "no_contact").failed());
+}
+
 /// A sidewalk beside the lane is not road, for the planner as for the verdict: no plan and no fallback goes there.
 #[test]
 fn nothing_drives_over_a_sidewalk() {
@@ -169,7 +221,7 @@ fn a_vehicle_close_behind_a_standing_leader_waits_and_follows() {
     for gap in [0.15, 0.3, 0.6] {
         let scenario = behind_a_leader(&car, gap);
         let run = driven(&scenario, &car);
-        let unproven = run.cycles.iter().filter(|c| c.decision == Decision::Unproven).count();
+        let unproven = run.cycles.iter().filter(|c| c.plan.decision == Decision::Unproven).count();
         assert_eq!((run.outcome, unproven), (Outcome::GoalReached, 0), "{gap} m");
         for name in ["no_contact", "stop_proven", "fallback_stops"] {
             assert_eq!(check(&run, name).status, Status::Pass, "{gap} m: {:?}", check(&run, name));

@@ -256,6 +256,17 @@ impl CollisionWorld {
         self.predictions.blocked_finely(sweeps, &margins.moving_obstacles, times, fine_until)
     }
 
+    /// How far the vehicle without margins is off the road at a pose, m; 0 on it. An estimate from the corners of its parts.
+    #[must_use]
+    pub fn depth_off_road(&self, pose: &Pose) -> f64 {
+        let frame = Frame::new(&self.origin.local_pose(pose));
+        let mut deepest = 0.0_f64;
+        self.outline.for_each_part(&frame, |part| {
+            deepest = deepest.max(self.statics.road().depth_outside(part).unwrap_or(0.0));
+        });
+        deepest
+    }
+
     /// The overlap of the vehicle without margins at a pose and a time (s). An obstacle takes precedence over the road
     /// boundary; of several parts of the vehicle, the one with the largest depth.
     #[must_use]

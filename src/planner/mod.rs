@@ -67,7 +67,7 @@ use crate::map::{Goal, Map};
 use crate::reference::{Frenet, ReferenceLine};
 pub use crate::settings::SettingsError;
 use crate::speed::smoothing::{self, Smoothed, Smoother};
-use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
+use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
 pub use self::lanes::NoLane;
@@ -382,6 +382,11 @@ impl<'m> Planner<'m> {
                 all.push(path);
             }
         }
+        let until = roots[0].allowance.no_road_until;
+        if until > 0.0 {
+            let imposed = world.depth_off_road(&start.point.pose);
+            all.retain(|path| is_no_deeper_off_road(world, &path.path, until, imposed));
+        }
         all.sort_by_key(|p| p.terms.rank());
         all
     }
@@ -546,6 +551,17 @@ fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryP
         no_margins_until: LEAVE_MARGIN,
         no_road_until: if off_road { RETURN_TO_ROAD } else { f64::NEG_INFINITY },
     }
+}
+
+/// Whether a path is nowhere farther off the road than the start is, up to the station from which it has to be on it (m). What a
+/// start imposes is no licence for more.
+fn is_no_deeper_off_road(world: &CollisionWorld, path: &Path, until: f64, imposed: f64) -> bool {
+    /// Distance between compared poses, m.
+    const SPACING: f64 = 0.5;
+    /// Tolerance, m: that of the verdict is 0.05 m, and the controller needs a part of it.
+    const TOLERANCE: f64 = 0.02;
+    let poses = path.sampled(SPACING).into_iter().take_while(|(station, _)| *station <= until);
+    poses.into_iter().all(|(_, point)| world.depth_off_road(&point.pose) <= imposed + TOLERANCE)
 }
 
 /// The lattice context of a lane.

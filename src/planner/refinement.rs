@@ -53,13 +53,18 @@ impl Planner<'_> {
             return None;
         }
         let world = &self.known.world;
+        let allowance = allowance_at(world, &level.margins, &start.point);
+        if allowance.no_road_until > 0.0 {
+            // the corridor of a refinement is that of the road
+            return None;
+        }
         let weights = &self.settings.lattice.weights;
         let commitment = committed_plan(self.committed.as_ref(), start)
             .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.plan_change));
         let mut path = refined(
             &context(&self.vehicle, &lane.reference, (world, level.margins), self.full_speed_curvature(start, level)),
             &choice.path,
-            &allowance_at(world, &level.margins, &start.point),
+            &allowance,
             self.vehicle.front_overhang_from_rear_axle(),
             weights,
             &commitment,
