@@ -47,7 +47,7 @@ impl SafetyMargins {
     pub const NONE: Self = Self { static_obstacles: Margins::NONE, moving_obstacles: Margins::NONE, road: 0.0 };
 
     /// The margins to the boundary of the drivable area, which is inflated.
-    pub(super) fn to_boundary(&self) -> Margins {
+    pub(super) fn to_boundary(self) -> Margins {
         Margins::uniform(self.road + OUTSIDE)
     }
 }
