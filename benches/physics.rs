@@ -1,5 +1,6 @@
 //! Speed of the vehicle simulation. Prints the ratio to real time, then the distribution of the time for one second of
-//! driving: 10 ms is 100 × real time. Each bench asserts that the run is complete before it measures.
+//! driving: 10 ms is 100 × real time; and that of the check whether a whole plan can be driven. Each bench asserts that the
+//! run is complete before it measures.
 
 use divan::Bencher;
 use stopline::fixtures::driving;
@@ -77,4 +78,33 @@ fn a_second_of_driving(bencher: Bencher<'_, '_>, obstacles: usize) {
         world.follow(&trajectory, 1.0, &mut log);
         log
     });
+}
+
+/// A plan of 100 m with ten bends: cruise, then a stop with a deceleration, m/s².
+fn plan(speed: f64, deceleration: f64) -> Trajectory {
+    let bend = 1.4 / (speed * speed);
+    let spirals: Vec<CubicSpiral> = (0..10)
+        .map(|i| if i % 2 == 0 { bend } else { -bend })
+        .map(|k| CubicSpiral { knots: [0.0, k, k, 0.0], length: 10.0 })
+        .collect();
+    let path = Path::new(Pose::new(0.0, 0.0, 0.0), &spirals).expect("ten spirals");
+    let (braking, jerk) = (0.5 * speed * speed / deceleration, 2.5);
+    let start = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
+    let ramp = SpeedKnot { jerk: -jerk, ..start.after((95.0 - braking - speed * deceleration / jerk) / speed) };
+    let brakes = SpeedKnot { jerk: 0.0, acceleration: -deceleration, ..ramp.after(deceleration / jerk) };
+    let stop = SpeedKnot { acceleration: 0.0, ..brakes.after(brakes.speed / deceleration) };
+    let profile = SpeedProfile::new(vec![start, ramp, brakes, stop]).expect("ordered knots");
+    Trajectory { start_time: 0.0, path, profile }
+}
+
+/// Speed, m/s, and deceleration, m/s²: a comfortable plan and one near the limit of the grip.
+const PLANS: [(f64, f64); 2] = [(8.0, 1.5), (12.0, 6.0)];
+
+#[divan::bench(args = PLANS)]
+fn a_whole_plan_is_drivable(bencher: Bencher<'_, '_>, (speed, deceleration): (f64, f64)) {
+    let vehicle = vehicle::load("bmw_320i").expect("a built-in vehicle");
+    let plan = plan(speed, deceleration);
+    let used = vehicle.drivable(1.0, &plan).expect("a drivable plan");
+    assert!(used.total > 0.3, "{used:?}");
+    bencher.bench_local(|| vehicle.drivable(1.0, divan::black_box(&plan)));
 }

@@ -8,8 +8,9 @@
 //!   (Paden et al. 2016, section V, for the kinematic error model). In a turn the body points inwards of its path by
 //!   the slip angle of the rear tyres; this angle is part of the reference, not an error.
 //! - **Acceleration**: the profile's acceleration, inverted through the lag of drive or brakes ([`lag_compensated`]),
-//!   plus drag, rolling resistance and the inertia of the wheels' spin; bounded feedback on station and speed error
-//!   with a double pole. The station error acts as an integrator, so there is no integrator state that could wind up.
+//!   plus drag, rolling resistance and the inertia of the wheels' spin and of the yaw motion ([`force`]); bounded feedback
+//!   on station and speed error with a double pole. The station error acts as an integrator, so there is no integrator
+//!   state that could wind up.
 //! - **Bounds**: both demands stay within the grip of the road as believed ([`Grip`]), steering first. A step of the
 //!   acceleration that the profile contains at least one lag ahead is commanded early, so that the vehicle brakes at most
 //!   4 % harder than the profile. After a step at the first instant, the vehicle brakes up to a fifth harder than the
@@ -204,11 +205,29 @@ fn acceleration(vehicle: &Vehicle, trajectory: &Trajectory, state: &State, stati
     let omega = longitudinal_bandwidth(vehicle);
     let feedback = omega * omega * station_error + 2.0 * omega * speed_error;
     let feedback = feedback.clamp(-LARGEST_ACCELERATION_FEEDBACK, LARGEST_ACCELERATION_FEEDBACK);
-    let spin = 1.0 + 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
     let resistance = vehicle.resistance(state.speed);
-    let effort = |lag| (lag_compensated(profile, since + half_period, lag) + feedback) * spin + resistance;
-    let braking = effort(vehicle.actuators.brake_lag);
-    if braking < 0.0 { braking } else { effort(vehicle.actuators.drive_lag).max(0.0) }
+    let effort = |lag, front_share| {
+        let planned = lag_compensated(profile, since + half_period, lag) + feedback;
+        let ahead = station + state.speed * (half_period + lag);
+        force(vehicle, &trajectory.path, ahead, state.speed, planned, front_share) + resistance
+    };
+    let actuators = &vehicle.actuators;
+    let braking = effort(actuators.brake_lag, actuators.brake_front_share);
+    if braking < 0.0 { braking } else { effort(actuators.drive_lag, actuators.drive_front_share).max(0.0) }
+}
+
+/// Force of drive or brakes over mass for an acceleration of the rear axle, m/s², for wheels that roll without side slip.
+///
+/// The kinetic energy is then ½ m v² (1 + (b² + k²) κ² + spin), with the distance b of the centre of mass from the rear axle and the
+/// radius of gyration k. Without the yaw motion's part, the vehicle loses speed where the curvature grows and gains speed where it
+/// falls. The front wheels run faster than the rear ones, by √(1 + L² κ²), so a force there does more work.
+fn force(vehicle: &Vehicle, path: &Path, station: f64, speed: f64, acceleration: f64, front_share: f64) -> f64 {
+    let spin = 4.0 * vehicle.wheel_inertia / (vehicle.mass * vehicle.wheel_radius * vehicle.wheel_radius);
+    let yaw = vehicle.rear_axle_to_mass * vehicle.rear_axle_to_mass + vehicle.yaw_inertia / vehicle.mass;
+    let (curvature, rate) = path.curvature_and_rate_at(station);
+    let needed = acceleration * (1.0 + spin + yaw * curvature * curvature) + yaw * curvature * rate * speed * speed;
+    let front = (vehicle.wheelbase * curvature).hypot(1.0);
+    needed / (1.0 + front_share * (front - 1.0))
 }
 
 /// Largest deceleration of a profile, m/s².

@@ -3,6 +3,7 @@
 //! Inside the program a vehicle's pose is at the **centre of the rear axle**; [`Vehicle::centre_of_rear_axle`] and
 //! [`Vehicle::rear_axle_of_centre`] convert to and from the centre that CommonRoad files use.
 
+mod drivable;
 mod dynamics;
 mod footprint;
 mod mesh;
@@ -11,11 +12,12 @@ mod read;
 mod tube;
 mod urdf;
 
+pub use drivable::{DrivingLimit, NotDrivable};
 pub use footprint::{Footprint, FootprintError, MAX_CORNERS, MAX_PARTS, MAX_REACH};
 pub use mesh::MeshError;
 pub use proof::{CONTROL_SHARE, GRAVITY, ProofLimits};
 pub use read::{VehicleError, builtin_names, files_of, load};
-pub use tube::{GripUse, PathMotion, TrackingError, TrackingTube};
+pub use tube::{GripUse, PathMotion, TrackingError, TrackingMargins, TrackingTube};
 
 use crate::geometry::Pose;
 

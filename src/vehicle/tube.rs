@@ -4,19 +4,26 @@
 //! enough to describe that share: at speed, a path within it can turn in faster than the side force of the tyres builds up, and
 //! braking unloads the rear axle. [`PathMotion::grip_use`] therefore looks at each axle, one lag of the steering ahead. With
 //! the largest use u of a trajectory and the part t of it that turning alone uses, the bounds are a₀ + a₁ u t for the lateral
-//! error and the heading, a₀ + a₁ u² for the longitudinal error. They were measured in the simulation on random trajectories
+//! error and the heading, a₀ + a₁ u² for the longitudinal error. On a path with a curvature up to κ, the longitudinal error also
+//! turns the heading: κ times its a₀ is added to the heading. The bounds were measured in the simulation on random trajectories
 //! (`tests/tracking/tube.rs`; `docs/physics.md` says how and lists the results).
 //!
 //! They hold for
-//! - trajectories inside the domain at every instant ([`TrackingTube::contains`]), whose curvature is at most 95 % of the
-//!   vehicle's largest and whose steering rate is within the vehicle's limit,
-//! - that brake at the earliest one lag of the brakes after their start (an emergency stop that begins with a step goes
-//!   further, by up to the distance driven during that lag),
+//! - trajectories inside the domain at every instant ([`TrackingTube::contains`]), whose curvature is at most
+//!   [`TrackingTube::CURVATURE_SHARE`] of the vehicle's largest and whose steering rate is within the vehicle's limit:
+//!   [`Vehicle::drivable`] checks a whole trajectory,
+//! - that begin without a step of the acceleration, for at least the slower lag of drive and brakes (after a step at the first
+//!   instant, the stop is further, by up to the distance driven during that lag),
 //! - on a road whose friction is the one that planner and controller believe,
 //! - a vehicle that is as described, without localisation error and dead time, and on its trajectory at the start.
 //!
+//! A new plan that begins with the motion of the plan before continues its trajectory: the bounds hold for the trajectory that the
+//! vehicle was given piece by piece, with its largest use.
+//!
 //! Outside of the domain there is no bound: hard braking in a turn at high speed may spin the vehicle, because the unloaded and
 //! braked rear axle loses more side stiffness than the front axle. The model has no stability control.
+
+use std::f64::consts::FRAC_PI_2;
 
 use super::{Actuators, CONTROL_SHARE, GRAVITY, Limits, Tyres, Vehicle};
 
@@ -30,7 +37,8 @@ pub struct TrackingTube {
     pub lateral: [f64; 2],
     /// Longitudinal error of the rear axle's centre, m.
     pub longitudinal: [f64; 2],
-    /// Error of the heading, rad. It contains the slip angle of the body, by which the vehicle points inwards in a turn.
+    /// Error of the heading, rad, beside the one by the longitudinal error on a curved path. It contains the slip angle of the
+    /// body, by which the vehicle points inwards in a turn.
     pub heading: [f64; 2],
 }
 
@@ -45,18 +53,54 @@ pub struct TrackingError {
     pub heading: f64,
 }
 
+/// How far tracking errors displace any point of the footprint, in the axes of the trajectory's pose at the same time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackingMargins {
+    /// To either side, m.
+    pub lateral: f64,
+    /// Ahead or behind, m.
+    pub longitudinal: f64,
+}
+
+impl Vehicle {
+    /// Margins around the footprint that contain the real vehicle on each trajectory in the domain of the tracking tube with at
+    /// most this use of the grip. Cheap: a planner may ask once for all plans with the same largest use.
+    ///
+    /// They are the errors of the rear axle and the displacement by a heading error θ: a point (x, y) of the footprint moves
+    /// by (x (cos θ − 1) − y sin θ, x sin θ + y (cos θ − 1)), at most with the largest |x| and |y|. They hold for each part of
+    /// the footprint and for its bounding rectangle.
+    #[must_use]
+    pub fn tracking_margins(&self, used: &GripUse) -> TrackingMargins {
+        let TrackingError { lateral, longitudinal, heading } = self.tracking.at(used);
+        let (sin, cos) = heading.min(FRAC_PI_2).sin_cos();
+        let (x, y) = (self.rear_axle_to_centre.abs() + 0.5 * self.length, 0.5 * self.width);
+        TrackingMargins {
+            lateral: lateral + x * sin + y * (1.0 - cos),
+            longitudinal: longitudinal + y * sin + x * (1.0 - cos),
+        }
+    }
+}
+
 impl TrackingTube {
     /// Use of the grip up to which the bounds hold at high speed.
     pub const MODERATE_USE: f64 = 0.7;
     /// Use of the grip by turning below which the vehicle drives straight.
     pub const STRAIGHT_USE: f64 = 0.05;
+    /// Share of the vehicle's largest curvature up to which the bounds hold.
+    pub const CURVATURE_SHARE: f64 = 0.95;
 
     /// Whether the bounds hold for a motion at this speed (m/s) with this use of the grip.
     #[must_use]
     pub fn contains(&self, speed: f64, used: &GripUse) -> bool {
+        used.total <= 1.0 && speed <= self.largest_speed(used)
+    }
+
+    /// The largest speed for which the bounds hold with this use of the grip, m/s.
+    #[must_use]
+    pub fn largest_speed(&self, used: &GripUse) -> f64 {
         let [moderate, full] = self.speed;
         let calm = used.total <= Self::MODERATE_USE || used.turning <= Self::STRAIGHT_USE;
-        used.total <= 1.0 && speed <= if calm { moderate } else { full }
+        if calm { moderate } else { full }
     }
 
     /// The bounds for a trajectory that uses the grip at most that much.
@@ -66,7 +110,7 @@ impl TrackingTube {
         TrackingError {
             lateral: bound(self.lateral, used.total * used.turning),
             longitudinal: bound(self.longitudinal, used.total * used.total),
-            heading: bound(self.heading, used.total * used.turning),
+            heading: bound(self.heading, used.total * used.turning) + used.curvature * self.longitudinal[0],
         }
     }
 
@@ -81,7 +125,7 @@ impl TrackingTube {
         Self {
             speed: [speed, 0.5 * speed],
             lateral: [0.1, distance.max(0.3)],
-            longitudinal: [0.1, distance.max(0.4)],
+            longitudinal: [0.2, distance.max(0.4)],
             heading: [0.1, 3.0 * slip],
         }
     }
@@ -106,20 +150,26 @@ pub struct PathMotion {
     pub curvature_rate: f64,
 }
 
-/// Shares of the grip that proofs may use ([`CONTROL_SHARE`]), 0…1: those of the more heavily used axle.
+/// Shares of the grip that proofs may use ([`CONTROL_SHARE`]), 0…1: those of the more heavily used axle; with the curvature.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct GripUse {
     /// By turning, braking and accelerating together.
     pub total: f64,
     /// By turning alone.
     pub turning: f64,
+    /// Largest |curvature|, 1/m.
+    pub curvature: f64,
 }
 
 impl GripUse {
     /// The larger of each.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
-        Self { total: self.total.max(other.total), turning: self.turning.max(other.turning) }
+        Self {
+            total: self.total.max(other.total),
+            turning: self.turning.max(other.turning),
+            curvature: self.curvature.max(other.curvature),
+        }
     }
 }
 
@@ -133,6 +183,12 @@ impl PathMotion {
     /// as anti-lock tends to distribute it near the limit; drive force, which overcomes the resistance too, is at the driven axle.
     #[must_use]
     pub fn grip_use(&self, vehicle: &Vehicle, friction: f64) -> GripUse {
+        let [front, rear] = self.axles(vehicle, friction);
+        front.used(self.curvature).max(rear.used(self.curvature))
+    }
+
+    /// The use of front and rear axle.
+    pub(super) fn axles(&self, vehicle: &Vehicle, friction: f64) -> [AxleUse; 2] {
         let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
         let (a, v2) = (base - b, self.speed * self.speed);
         let (lateral, yaw) = (v2 * self.curvature.abs(), v2 * self.curvature_rate.abs());
@@ -144,22 +200,40 @@ impl PathMotion {
         let axle = |arm: f64, lever: f64, transfer: f64, drive_share: f64| {
             let load = GRAVITY + transfer * self.acceleration * vehicle.mass_height / lever;
             if load <= 0.0 {
-                return GripUse { total: f64::INFINITY, turning: f64::INFINITY };
+                return AxleUse { turning: f64::INFINITY, along: f64::INFINITY };
             }
             let turning = (lateral + (ahead + arm) * yaw) / (usable * load);
             let drive = effort.max(0.0) * drive_share * base / lever / (usable * load);
-            let along = drive.max(self.acceleration.abs() / (usable * GRAVITY));
-            GripUse { total: turning.hypot(along), turning }
+            AxleUse { turning, along: drive.max(self.acceleration.abs() / (usable * GRAVITY)) }
         };
-        let front = axle(b + k2 / b, b, -1.0, front_drive);
-        front.max(axle((b - k2 / a).abs(), a, 1.0, 1.0 - front_drive))
+        [axle(b + k2 / b, b, -1.0, front_drive), axle((b - k2 / a).abs(), a, 1.0, 1.0 - front_drive)]
+    }
+}
+
+/// Shares of the grip of one axle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AxleUse {
+    turning: f64,
+    along: f64,
+}
+
+impl AxleUse {
+    /// The larger of each.
+    pub(super) fn max(self, other: Self) -> Self {
+        Self { turning: self.turning.max(other.turning), along: self.along.max(other.along) }
+    }
+
+    /// On a path with a curvature, 1/m.
+    pub(super) fn used(self, curvature: f64) -> GripUse {
+        GripUse { total: self.turning.hypot(self.along), turning: self.turning, curvature: curvature.abs() }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vehicle::{ProofLimits, builtin_names, load};
+    use crate::geometry::{Point, Pose};
+    use crate::vehicle::{Footprint, ProofLimits, builtin_names, load};
 
     #[test]
     fn the_use_is_that_of_the_friction_circle_where_nothing_turns_or_shifts() {
@@ -194,8 +268,10 @@ mod tests {
     fn bounds_grow_with_the_use() {
         let tube =
             TrackingTube { speed: [30.0, 20.0], lateral: [0.1, 0.8], longitudinal: [0.2, 0.4], heading: [0.0, 0.08] };
-        for (total, turning, expected) in [(0.5, 0.25, [0.2, 0.3, 0.01]), (1.0, 0.0, [0.1, 0.6, 0.0])] {
-            let TrackingError { lateral, longitudinal, heading } = tube.at(&GripUse { total, turning });
+        for (total, turning, curvature, expected) in
+            [(0.5, 0.25, 0.0, [0.2, 0.3, 0.01]), (0.5, 0.25, 0.1, [0.2, 0.3, 0.03]), (1.0, 0.0, 0.0, [0.1, 0.6, 0.0])]
+        {
+            let TrackingError { lateral, longitudinal, heading } = tube.at(&GripUse { total, turning, curvature });
             for (found, expected) in [lateral, longitudinal, heading].into_iter().zip(expected) {
                 assert!((found - expected).abs() < 1e-12, "{total} {turning}: {found} {expected}");
             }
@@ -214,7 +290,8 @@ mod tests {
             (19.0, 0.9, 0.5, true),
             (19.0, 1.1, 0.5, false),
         ] {
-            assert_eq!(tube.contains(speed, &GripUse { total, turning }), inside, "{speed} {total} {turning}");
+            let used = GripUse { total, turning, curvature: 0.0 };
+            assert_eq!(tube.contains(speed, &used), inside, "{speed} {total} {turning}");
         }
     }
 
@@ -224,13 +301,51 @@ mod tests {
             let v = load(name).unwrap();
             let estimate = TrackingTube::estimated(&v.tyres, &v.actuators, &v.limits, v.wheelbase);
             for used in [0.0, 0.5, 1.0] {
-                let used = GripUse { total: used, turning: used };
+                let used = GripUse { total: used, turning: used, curvature: 0.0 };
                 let (wide, measured) = (estimate.at(&used), v.tracking.at(&used));
                 assert!(wide.lateral >= measured.lateral, "{name} {used:?}: {wide:?} {measured:?}");
                 assert!(wide.longitudinal >= measured.longitudinal, "{name} {used:?}: {wide:?} {measured:?}");
                 assert!(wide.heading >= measured.heading, "{name} {used:?}: {wide:?} {measured:?}");
             }
             assert!(estimate.speed[0] <= v.tracking.speed[0] && estimate.speed[1] <= v.tracking.speed[1], "{name}");
+        }
+    }
+
+    /// Every corner of a vehicle whose errors are inside the tube lies inside the footprint with its margins, and no margin is
+    /// much too wide.
+    #[test]
+    fn margins_contain_the_footprint_with_every_error_inside_the_tube() {
+        let rng = &mut fastrand::Rng::with_seed(1);
+        let shaped = crate::fixtures::vehicle_with(
+            Footprint::new(vec![
+                vec![Point::new(-1.0, -1.2), Point::new(3.0, -1.2), Point::new(3.0, 1.2), Point::new(-1.0, 1.2)],
+                vec![Point::new(3.0, -0.8), Point::new(5.0, -0.5), Point::new(5.0, 0.6), Point::new(3.0, 0.8)],
+            ])
+            .unwrap(),
+        );
+        let ahead = crate::fixtures::vehicle_with(Footprint::rectangle(2.0, 1.0, 3.0));
+        let vehicles = builtin_names().iter().map(|name| load(name).unwrap()).chain([shaped, ahead]);
+        for v in vehicles {
+            let mut farthest = (0.0_f64, 0.0_f64);
+            for i in 0..2000 {
+                let total = rng.f64();
+                let used = GripUse { total, turning: total * rng.f64(), curvature: rng.f64() * v.max_curvature() };
+                let (bound, margins) = (v.tracking.at(&used), v.tracking_margins(&used));
+                // half of the errors are at their bounds
+                let mut share = || if i % 2 == 0 { 2.0 * rng.f64() - 1.0 } else { [-1.0, 1.0][rng.usize(0..2)] };
+                let (x, y, heading) = (share() * bound.longitudinal, share() * bound.lateral, share() * bound.heading);
+                let real = Pose::new(x, y, heading);
+                let corners = v.footprint.parts().iter().flatten().copied().chain(v.footprint.bounding_rectangle());
+                for corner in corners {
+                    let moved = real.to_world(corner) - corner;
+                    let slack = 1e-12;
+                    assert!(moved.y.abs() <= margins.lateral + slack, "{} {used:?} {corner} {moved}", v.name);
+                    assert!(moved.x.abs() <= margins.longitudinal + slack, "{} {used:?} {corner} {moved}", v.name);
+                    farthest.0 = farthest.0.max(moved.y.abs() / margins.lateral);
+                    farthest.1 = farthest.1.max(moved.x.abs() / margins.longitudinal);
+                }
+            }
+            assert!(farthest.0 > 0.9 && farthest.1 > 0.8, "{}: {farthest:?}", v.name);
         }
     }
 }

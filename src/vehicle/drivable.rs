@@ -1,0 +1,385 @@
+//! Whether a whole trajectory stays in the domain of the tracking tube, and how much of the grip it uses.
+//!
+//! The check bounds the motion between two instants instead of sampling it, so that no extremum is missed: the speed from the
+//! constant jerk, curvature and its derivative from the cubic polynomial, each use of the grip at the ends of the acceleration,
+//! in which it is monotone. An interval of 0.1 s or less is accepted if its bound is inside the domain and at most
+//! [`TOLERANCE`] above the largest use at an instant; any other interval is halved, down to [`SHORTEST`]. The result is
+//! therefore never below the true use.
+//!
+//! Weak where: within the shortest interval the bound combines the largest speed with the largest curvature. It exceeds the
+//! true use by up to a few hundredths, and a trajectory this close to a limit is refused.
+
+use super::{GripUse, PathMotion, TrackingTube, Vehicle};
+use crate::geometry::spiral::Polynomial;
+use crate::trajectory::{SpeedKnot, Trajectory};
+
+/// Longest interval that is bounded as a whole, s.
+const LONGEST: f64 = 0.1;
+/// Interval that is not halved further, s.
+const SHORTEST: f64 = 0.0125;
+/// Excess of a bound over the largest use at an instant that is accepted.
+const TOLERANCE: f64 = 0.01;
+/// Difference of curvature between two spirals above which the wheels would have to turn at once, 1/m.
+const JUMP: f64 = 1e-4;
+
+/// A trajectory that leaves the domain of the tracking tube: when and why first.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("{what} is {value:.3} at {time:.2} s; limit {limit:.3}")]
+pub struct NotDrivable {
+    /// Time of the run, s.
+    pub time: f64,
+    /// The limit that the trajectory exceeds.
+    pub what: DrivingLimit,
+    /// An upper bound of the value at that time, in the unit of `what`.
+    pub value: f64,
+    /// The limit, in the same unit.
+    pub limit: f64,
+}
+
+/// A limit of the domain of the tracking tube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DrivingLimit {
+    /// Share of the grip that proofs may use, 0…1.
+    Grip,
+    /// Speed for this use of the grip, m/s: [`TrackingTube::speed`].
+    Speed,
+    /// Steering rate, rad/s. A jump of the curvature needs an infinite one.
+    SteeringRate,
+    /// Curvature, 1/m: [`TrackingTube::CURVATURE_SHARE`] of the vehicle's largest.
+    Curvature,
+}
+
+impl std::fmt::Display for DrivingLimit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Grip => "use of the grip",
+            Self::Speed => "speed (m/s)",
+            Self::SteeringRate => "steering rate (rad/s)",
+            Self::Curvature => "curvature (1/m)",
+        })
+    }
+}
+
+impl Vehicle {
+    /// The largest use of the grip by a trajectory, if all of it is in the domain of the tracking tube on a road whose friction
+    /// is `friction` times that of dry asphalt: an upper bound, by at most a few hundredths. With it,
+    /// [`TrackingTube::at`] and [`Vehicle::tracking_margins`] bound the tracking errors.
+    ///
+    /// # Errors
+    /// The first time at which the trajectory exceeds a limit, or comes within a few hundredths of it.
+    pub fn drivable(&self, friction: f64, trajectory: &Trajectory) -> Result<GripUse, NotDrivable> {
+        Check::new(self, friction, trajectory).run()
+    }
+}
+
+/// A spiral of the path.
+struct Piece {
+    station: f64,
+    length: f64,
+    curvature: Polynomial<4>,
+    /// Whether the curvature jumps at its start.
+    jumps: bool,
+}
+
+/// Bounds on a part of the path.
+#[derive(Default)]
+struct Bend {
+    /// Largest and smallest |curvature|, 1/m.
+    most: f64,
+    least: f64,
+    /// Largest |derivative of the curvature|, 1/m².
+    rate: f64,
+}
+
+/// Bounds within an interval of time.
+struct Bound {
+    speed: f64,
+    curvature: f64,
+    steering_rate: f64,
+    used: GripUse,
+}
+
+struct Check<'a> {
+    vehicle: &'a Vehicle,
+    friction: f64,
+    trajectory: &'a Trajectory,
+    pieces: Vec<Piece>,
+}
+
+impl<'a> Check<'a> {
+    fn new(vehicle: &'a Vehicle, friction: f64, trajectory: &'a Trajectory) -> Self {
+        let mut pieces: Vec<Piece> = Vec::new();
+        for (station, _, spiral) in trajectory.path.pieces() {
+            let before = pieces.last().map_or(spiral.knots[0], |p| p.curvature.value(1.0));
+            let jumps = (before - spiral.knots[0]).abs() > JUMP;
+            pieces.push(Piece { station, length: spiral.length, curvature: spiral.curvature_polynomial(), jumps });
+        }
+        Self { vehicle, friction, trajectory, pieces }
+    }
+
+    fn run(&self) -> Result<GripUse, NotDrivable> {
+        let knots = self.trajectory.profile.knots();
+        self.is_finite()?;
+        // equal parts of each stretch of constant jerk
+        let parts = |i: usize| {
+            let duration = knots[i + 1].time - knots[i].time;
+            let count = (duration / LONGEST).ceil().max(1.0);
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count
+            (0..count as usize).map(move |n| (n as f64 * duration / count, (n + 1) as f64 * duration / count))
+        };
+        let stretches = || (0..knots.len() - 1).flat_map(|i| parts(i).map(move |(from, to)| (i, from, to)));
+        let mut seen = stretches().fold(GripUse::default(), |seen, (i, from, _)| seen.max(self.at(&knots[i], from)));
+        let mut found = seen;
+        let mut open = Vec::new();
+        for (i, from, to) in stretches() {
+            open.push((from, to));
+            while let Some((from, to)) = open.pop() {
+                let bound = self.within(&knots[i], from, to);
+                let excess = self.excess(&bound);
+                let close =
+                    bound.used.total <= seen.total + TOLERANCE && bound.used.turning <= seen.turning + TOLERANCE;
+                if to - from <= SHORTEST || (excess.is_none() && close) {
+                    if let Some((what, value, limit)) = excess {
+                        let time = self.trajectory.start_time + knots[i].time + from;
+                        return Err(NotDrivable { time, what, value, limit });
+                    }
+                    found = found.max(bound.used);
+                } else {
+                    let middle = f64::midpoint(from, to);
+                    seen = seen.max(self.at(&knots[i], middle));
+                    open.extend([(middle, to), (from, middle)]);
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Refuses numbers that are not finite: comparisons below would not see them.
+    fn is_finite(&self) -> Result<(), NotDrivable> {
+        let refused = |what| NotDrivable { time: self.trajectory.start_time, what, value: f64::NAN, limit: f64::MAX };
+        for k in self.trajectory.profile.knots() {
+            if !(k.time + k.station + k.speed + k.acceleration + k.jerk).is_finite() {
+                return Err(refused(DrivingLimit::Speed));
+            }
+        }
+        let is_finite = |p: &Piece| (p.length + p.curvature.0.iter().sum::<f64>()).is_finite();
+        if self.pieces.iter().all(is_finite) { Ok(()) } else { Err(refused(DrivingLimit::Curvature)) }
+    }
+
+    /// The use of the grip at a time (s) after a knot.
+    fn at(&self, knot: &SpeedKnot, time: f64) -> GripUse {
+        self.within(knot, time, time).used
+    }
+
+    /// Bounds from one time to another one (s) after a knot.
+    fn within(&self, knot: &SpeedKnot, from: f64, to: f64) -> Bound {
+        let (first, last) = (knot.after(from), knot.after(to));
+        let mut speed = first.speed.max(last.speed);
+        if first.acceleration > 0.0 && last.acceleration < 0.0 {
+            // the speed at which the acceleration changes its sign
+            speed = first.speed - 0.5 * first.acceleration * first.acceleration / knot.jerk;
+        }
+        let bend = self.bend(first.station, last.station);
+        let axles = |acceleration| {
+            let motion = PathMotion { speed, acceleration, curvature: bend.most, curvature_rate: bend.rate };
+            motion.axles(self.vehicle, self.friction)
+        };
+        let ends = axles(first.acceleration).into_iter().zip(axles(last.acceleration));
+        let used = ends.map(|(a, b)| a.max(b).used(bend.most)).fold(GripUse::default(), GripUse::max);
+        let least = self.vehicle.wheelbase * bend.least;
+        let steering_rate = self.vehicle.wheelbase * bend.rate * speed / (1.0 + least * least);
+        Bound { speed, curvature: bend.most, steering_rate, used }
+    }
+
+    /// Bounds from one station to another one, m.
+    fn bend(&self, from: f64, to: f64) -> Bend {
+        let first = self.pieces.partition_point(|p| p.station <= from).max(1) - 1;
+        let touched = self.pieces[first..].iter().enumerate().take_while(|(i, p)| *i == 0 || p.station <= to);
+        let mut bend = Bend { least: f64::INFINITY, ..Bend::default() };
+        for (i, piece) in touched {
+            let u = |station: f64| ((station - piece.station) / piece.length).clamp(0.0, 1.0);
+            let (a, b) = (u(from), u(to));
+            let arc = (b - a) * (b - a) / 8.0;
+            let curvature = &piece.curvature;
+            let (k, l) = (curvature.value(a), curvature.value(b));
+            let second = |u| curvature.derivative_of_order(2, u).abs();
+            let bulge = arc * second(a).max(second(b));
+            bend.most = bend.most.max(k.abs().max(l.abs()) + bulge);
+            let least = if k * l <= 0.0 { 0.0 } else { k.abs().min(l.abs()) - bulge };
+            bend.least = bend.least.min(least.max(0.0));
+            let rate = curvature.derivative(a).abs().max(curvature.derivative(b).abs());
+            let rate = rate + arc * curvature.derivative_of_order(3, a).abs();
+            bend.rate = bend.rate.max(rate / piece.length);
+            if piece.jumps && i > 0 {
+                bend.rate = f64::INFINITY;
+            }
+        }
+        bend
+    }
+
+    /// The limit that bounds exceed, with value and limit.
+    fn excess(&self, bound: &Bound) -> Option<(DrivingLimit, f64, f64)> {
+        let (vehicle, tube) = (self.vehicle, &self.vehicle.tracking);
+        let most = [
+            (DrivingLimit::Curvature, bound.curvature, TrackingTube::CURVATURE_SHARE * vehicle.max_curvature()),
+            (DrivingLimit::SteeringRate, bound.steering_rate, vehicle.limits.steering_rate),
+            (DrivingLimit::Grip, bound.used.total, 1.0),
+            (DrivingLimit::Speed, bound.speed, tube.largest_speed(&bound.used)),
+        ];
+        most.into_iter().find(|(_, value, limit)| value > limit || value.is_nan())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::geometry::spiral::CubicSpiral;
+    use crate::trajectory::{Path, SpeedProfile};
+    use crate::vehicle::load;
+
+    /// Pieces of a profile: duration s, initial acceleration m/s², jerk m/s³.
+    fn trajectory(speed: f64, pieces: &[(f64, f64, f64)], spirals: &[CubicSpiral]) -> Trajectory {
+        let mut knot = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
+        let mut knots = Vec::new();
+        for &(duration, acceleration, jerk) in pieces {
+            knots.push(SpeedKnot { acceleration, jerk, ..knot });
+            knot = knots[knots.len() - 1].after(duration);
+        }
+        knots.push(SpeedKnot { acceleration: 0.0, jerk: 0.0, ..knot });
+        let path = Path::new(Pose::new(0.0, 0.0, 0.3), spirals).unwrap();
+        Trajectory { start_time: 7.0, path, profile: SpeedProfile::new(knots).unwrap() }
+    }
+
+    /// The use of the grip just after a time since the start.
+    fn used_at(v: &Vehicle, t: &Trajectory, friction: f64, time: f64) -> GripUse {
+        let k = t.profile.at(time);
+        let (curvature, curvature_rate) = t.path.curvature_and_rate_at(k.station);
+        PathMotion { speed: k.speed, acceleration: k.acceleration, curvature, curvature_rate }.grip_use(v, friction)
+    }
+
+    fn random(rng: &mut fastrand::Rng, v: &Vehicle) -> (Trajectory, f64) {
+        let mut uniform = |from: f64, to: f64| from + (to - from) * rng.f64();
+        let friction = if uniform(0.0, 1.0) < 0.5 { 1.0 } else { 0.5 };
+        let speed = uniform(2.0, 0.7 * v.tracking.speed[1]);
+        let (a, b) = (uniform(0.0, 1.0), uniform(0.5, 2.5));
+        let jerk = b / uniform(0.2, 1.0);
+        let pieces = [(1.0, 0.0, 0.0), (0.6, a, -2.0 * a / 0.6), (b / jerk, 0.0, -jerk), (0.8 * speed / b, -b, 0.0)];
+        let largest = (uniform(0.2, 2.5) * friction / (speed * speed)).min(0.8 * v.max_curvature());
+        let mut knots = [0.0; 4];
+        let spirals: Vec<CubicSpiral> = (0..12)
+            .map(|_| {
+                knots = [knots[3], 0.0, 0.0, 0.0];
+                knots[1..].fill_with(|| uniform(-largest, largest));
+                CubicSpiral { knots, length: speed * uniform(0.8, 2.5) }
+            })
+            .collect();
+        (trajectory(speed, &pieces, &spirals), friction)
+    }
+
+    #[test]
+    fn the_use_is_never_below_that_of_dense_samples_and_hardly_above() {
+        let rng = &mut fastrand::Rng::with_seed(3);
+        let mut driven = 0;
+        for i in 0..300 {
+            let v = load(["bmw_320i", "ford_escort", "truck"][i % 3]).unwrap();
+            let (t, friction) = random(rng, &v);
+            let times = |from: f64, to: f64| {
+                let count = ((to - from) / 1e-3).ceil();
+                (0..=count as usize).map(move |n| from + (to - from) * n as f64 / count)
+            };
+            let sampled = |from, to| {
+                times(from, to).map(|time| used_at(&v, &t, friction, time)).fold(GripUse::default(), GripUse::max)
+            };
+            let inside = times(0.0, t.profile.duration()).all(|time| {
+                let used = used_at(&v, &t, friction, time);
+                v.tracking.contains(t.profile.at(time).speed, &used)
+            });
+            match v.drivable(friction, &t) {
+                Ok(used) => {
+                    assert!(inside, "{i}");
+                    let dense = sampled(0.0, t.profile.duration());
+                    assert!(used.total >= dense.total && used.total <= dense.total + 0.04, "{i}: {used:?} {dense:?}");
+                    assert!(
+                        used.turning >= dense.turning && used.turning <= dense.turning + 0.04,
+                        "{i}: {used:?} {dense:?}"
+                    );
+                    driven += 1;
+                }
+                Err(left @ NotDrivable { what: DrivingLimit::Grip, time, value, .. }) => {
+                    let since = time - t.start_time;
+                    let dense = sampled(since, (since + SHORTEST).min(t.profile.duration()));
+                    assert!(
+                        value >= used_at(&v, &t, friction, since).total && value <= 1.06 * dense.total,
+                        "{i}: {left:?} {dense:?}"
+                    );
+                    let before = (since > 1e-3).then(|| sampled(0.0, since - 1e-3));
+                    assert!(before.is_none_or(|used| used.total <= 1.0), "{i}: {left:?} {before:?}");
+                }
+                Err(left) => assert!(left.value > left.limit, "{i}: {left:?}"),
+            }
+        }
+        assert!((60..240).contains(&driven), "{driven} of 300 are drivable");
+    }
+
+    #[test]
+    fn the_error_says_which_limit_is_exceeded_and_when_first() {
+        let v = load("bmw_320i").unwrap();
+        let line = |length| CubicSpiral::straight(length);
+        let arc = |k: f64, length| CubicSpiral { knots: [k; 4], length };
+        let into = |k: f64, length| CubicSpiral { knots: [0.0, k / 3.0, k / 1.5, k], length };
+        let cruise = |speed: f64| [(200.0 / speed, 0.0, 0.0)];
+        let tightest = v.max_curvature();
+        for (what, from, to, t) in [
+            // braking harder than proofs may, from 2 s on
+            (DrivingLimit::Grip, 2.0, 2.0, trajectory(10.0, &[(2.0, 0.0, 0.0), (0.5, -9.5, 0.0)], &[line(200.0)])),
+            // 9 m/s² on the arc, which begins at 30 m
+            (
+                DrivingLimit::Grip,
+                1.5,
+                3.0,
+                trajectory(15.0, &cruise(15.0), &[line(20.0), into(0.04, 25.0), arc(0.04, 200.0)]),
+            ),
+            // faster than the bounds were measured
+            (DrivingLimit::Speed, 0.0, 0.0, trajectory(v.tracking.speed[0] + 0.1, &cruise(30.0), &[line(300.0)])),
+            // with three quarters of the grip, turning at more than the lower speed
+            (
+                DrivingLimit::Speed,
+                3.5,
+                5.0,
+                trajectory(20.0, &cruise(20.0), &[line(20.0), into(0.017, 80.0), arc(0.017, 300.0)]),
+            ),
+            (
+                DrivingLimit::SteeringRate,
+                5.0,
+                6.0,
+                trajectory(2.0, &cruise(2.0), &[line(10.0), into(0.15, 0.5), arc(0.15, 200.0)]),
+            ),
+            // a jump of the curvature
+            (DrivingLimit::SteeringRate, 4.8, 5.0, trajectory(2.0, &cruise(2.0), &[line(10.0), arc(0.01, 200.0)])),
+            (
+                DrivingLimit::Curvature,
+                12.0,
+                15.0,
+                trajectory(1.0, &cruise(1.0), &[line(10.0), into(tightest, 5.0), arc(tightest, 200.0)]),
+            ),
+        ] {
+            let left = v.drivable(1.0, &t).unwrap_err();
+            assert_eq!(left.what, what, "{left}");
+            let since = left.time - t.start_time;
+            assert!(since >= from - SHORTEST && since <= to + SHORTEST, "{what:?}: {left}");
+            assert!(left.value > left.limit && left.to_string().contains("limit"), "{left}");
+        }
+    }
+
+    #[test]
+    fn standing_still_uses_hardly_any_grip_and_numbers_that_are_not_finite_are_refused() {
+        let v = load("truck").unwrap();
+        let line = [CubicSpiral::straight(5.0)];
+        let used = v.drivable(1.0, &trajectory(0.0, &[(3.0, 0.0, 0.0)], &line)).unwrap();
+        assert!(used.total < 0.02 && used.turning == 0.0, "{used:?}");
+        assert!(v.drivable(1.0, &trajectory(f64::NAN, &[(3.0, 0.0, 0.0)], &line)).is_err());
+        let bent = [CubicSpiral { knots: [0.0, f64::NAN, 0.0, 0.0], length: 5.0 }];
+        assert!(v.drivable(1.0, &trajectory(1.0, &[(3.0, 0.0, 0.0)], &bent)).is_err());
+    }
+}
