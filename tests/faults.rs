@@ -58,7 +58,7 @@ fn ice_fails_the_fallbacks_of_a_run_that_ends_well() {
 #[test]
 fn dead_time_fails_tracking_and_not_the_road() {
     let scenario = bundled("s_curve");
-    let run = with_faults(&scenario, &["delay=0.2"], 0);
+    let run = with_faults(&scenario, &["delay=0.25"], 0);
     let failed = failed(&run);
     assert!(failed.contains(&"tracking") && !failed.contains(&"stays_on_road"), "{:#?}", failures(&run));
 }
