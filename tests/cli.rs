@@ -686,7 +686,7 @@ fn json_cycles_lists_every_cycle_and_keeps_the_hash() {
             u64::from(decision == "new_plan"),
             "{decision} {states:?}"
         );
-        assert_eq!(cycle["deceleration_mps2"].is_number(), decision == "new_plan");
+        assert_eq!(cycle["deceleration_mps2"].is_number(), decision != "unproven");
         assert!(cycle["time_s"].is_number() && cycle["expansions"].is_u64());
         total += states.values().sum::<u64>();
         rejected += states.iter().filter(|(state, _)| *state != "chosen").map(|(_, n)| n).sum::<u64>();
@@ -773,14 +773,14 @@ fn faults_comfort_and_fallbacks_are_in_the_json() {
 fn exit_1_is_a_check_that_failed() {
     let place = Place::new();
     let road = std::fs::read_to_string(ROAD).unwrap();
-    // a wall across the road, 5 m ahead: the vehicle cannot stop before it from its initial speed
+    // a wall across the road, 1.7 m ahead of the bumper: the vehicle cannot stop before it from its initial speed
     let start = part(&road, "<planningProblem", "</planningProblem>");
     let x: f64 = part(start, "<x>", "</x>").trim_start_matches("<x>").trim_end_matches("</x>").parse().unwrap();
     let wall = format!(
         "<staticObstacle id=\"900\"><type>unknown</type><shape><rectangle><length>1</length><width>40</width></rectangle></shape>\
          <initialState><position><point><x>{}</x><y>0</y></point></position><orientation><exact>0</exact></orientation>\
          <time><exact>0</exact></time></initialState></staticObstacle>",
-        x + 5.0
+        x + 4.5
     );
     let name = place.file("wall.xml", road.replacen("<planningProblem", &format!("{wall}<planningProblem"), 1));
     for command in ["plan", "drive"] {

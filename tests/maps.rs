@@ -261,7 +261,7 @@ fn the_simulation_reports_the_contact_of_a_plan_without_obstacles() {
 /// Refinement reduces the driven curvature, and every refined plan has a proof.
 #[test]
 fn refined_plans_are_proven_and_reduce_curvature() {
-    for name in ["slalom", "parked_car"] {
+    for name in ["turn_90", "parked_car"] {
         refinement_reduces_curvature_on(name);
     }
 }

@@ -37,7 +37,7 @@ pub struct Plan {
     pub expected_contact: Option<ExpectedContact>,
 }
 
-/// How a planning cycle came to its result, for reports, pictures and recordings.
+/// How the result of a planning cycle came about, for reports, pictures and recordings.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace {
     /// Sampled reference line of the chosen lane, m; empty unless a new plan was committed.
