@@ -46,6 +46,20 @@ impl SafetyMargins {
     /// No margins.
     pub const NONE: Self = Self { static_obstacles: Margins::NONE, moving_obstacles: Margins::NONE, road: 0.0 };
 
+    /// The wider one of each.
+    #[must_use]
+    pub fn at_least(&self, other: &Self) -> Self {
+        let wider = |a: &Margins, b: &Margins| Margins {
+            lateral: a.lateral.max(b.lateral),
+            longitudinal: a.longitudinal.max(b.longitudinal),
+        };
+        Self {
+            static_obstacles: wider(&self.static_obstacles, &other.static_obstacles),
+            moving_obstacles: wider(&self.moving_obstacles, &other.moving_obstacles),
+            road: self.road.max(other.road),
+        }
+    }
+
     /// The margins to the boundary of the drivable area, which is inflated.
     pub(super) fn to_boundary(self) -> Margins {
         Margins::uniform(self.road + OUTSIDE)

@@ -8,9 +8,12 @@
 use rayon::prelude::*;
 
 use super::candidate::{Evaluation, Proven, delay};
+use super::lanes::Lane;
 use super::level::LevelLimits;
 use super::record::{Candidate, Cause, Rejection};
+use super::tube::{OutOfTube, Tube};
 use super::{CycleRecord, Planner, Start};
+use crate::collision::SafetyMargins;
 use crate::lattice::{LatticePath, rank};
 
 /// A path with its speed, ready to be committed.
@@ -19,6 +22,7 @@ pub(super) struct Choice {
     pub(super) candidate: usize,
     pub(super) path: LatticePath,
     pub(super) proven: Box<Proven>,
+    pub(super) tube: Tube,
     pub(super) deceleration: f64,
     pub(super) cost: f64,
     pub(super) is_refined: bool,
@@ -72,33 +76,96 @@ impl Planner<'_> {
                         note.cost = note.terms.total();
                         let candidate = record.trace.candidates.len();
                         let (deceleration, cost) = (level.deceleration, note.cost);
-                        let pair = Choice { lane, candidate, path, proven, deceleration, cost, is_refined: false };
-                        take_if_better(best, pair, record)
+                        let tube = Tube::UNKNOWN;
+                        let pair =
+                            Choice { lane, candidate, path, proven, tube, deceleration, cost, is_refined: false };
+                        match self.accepted(start, &level, best.as_ref(), pair) {
+                            Ok(pair) => take(best, pair, record),
+                            Err(Refused { why: Rejection::TubeBlocked, again: Some((pair, margins)) }) => {
+                                let wide = LevelLimits { margins, ..level };
+                                let pair = self.evaluated_again(start, on, &wide, *pair, record);
+                                let pair = pair.and_then(|pair| self.accepted(start, &wide, best.as_ref(), pair).ok());
+                                pair.map_or(Some(Rejection::TubeBlocked), |pair| {
+                                    note.terms.travel_time += pair.cost - note.cost;
+                                    note.cost = pair.cost;
+                                    take(best, pair, record)
+                                })
+                            }
+                            Err(refused) => Some(refused.why),
+                        }
                     }
                 };
                 record.trace.candidates.push(note);
             }
         }
     }
+
+    /// The pair with its tube, if it costs less than the best one, passes reverification and its tube is free.
+    fn accepted(
+        &self,
+        start: &Start,
+        level: &LevelLimits,
+        best: Option<&Choice>,
+        pair: Choice,
+    ) -> Result<Choice, Refused> {
+        if best.is_some_and(|b| rank(b.cost) <= rank(pair.cost)) {
+            return Err(Rejection::HigherCost.into());
+        }
+        if pair.proven.reverify().is_err() {
+            return Err(Rejection::ReverificationFailed.into());
+        }
+        match self.tube_of(start, level, &pair.path, &pair.proven.raw_profile) {
+            Ok(tube) => Ok(Choice { tube, ..pair }),
+            Err(OutOfTube::NotDrivable) => Err(Rejection::NotDrivable.into()),
+            Err(OutOfTube::Blocked(margins)) => {
+                Err(Refused { why: Rejection::TubeBlocked, again: Some((Box::new(pair), margins)) })
+            }
+        }
+    }
+
+    /// The pair with another speed profile, which keeps the margins of a level to all obstacles; `None` without one.
+    fn evaluated_again(
+        &self,
+        start: &Start,
+        lane: &Lane,
+        level: &LevelLimits,
+        pair: Choice,
+        record: &mut CycleRecord,
+    ) -> Option<Choice> {
+        let path = self.shortened(start, &level.margins, pair.path);
+        let situation = self.situation(start, lane, *level);
+        let Evaluation::Proven(proven) = situation.evaluate(&path) else { return None };
+        record.trace.expansions += proven.expansions;
+        let delay_of =
+            |proven: &Proven| delay(&self.settings, situation.free_progress() - proven.progress, &path.terms);
+        let cost = pair.cost + delay_of(&proven) - delay_of(&pair.proven);
+        Some(Choice { path, proven, cost, ..pair })
+    }
+}
+
+/// A pair that is not taken. One whose tube is blocked can be tried again with the margins that it needs.
+struct Refused {
+    why: Rejection,
+    again: Option<(Box<Choice>, SafetyMargins)>,
+}
+
+impl From<Rejection> for Refused {
+    fn from(why: Rejection) -> Self {
+        Self { why, again: None }
+    }
+}
+
+/// Makes the pair the best one.
+fn take(best: &mut Option<Choice>, pair: Choice, record: &mut CycleRecord) -> Option<Rejection> {
+    if let Some(previous) = best.replace(pair) {
+        record.reject(previous.candidate, Rejection::HigherCost);
+    }
+    None
 }
 
 /// Whether a pair with this path can have a rank below `limit`.
 fn is_worth_it(path: &LatticePath, limit: Option<i64>) -> bool {
     limit.is_none_or(|limit| rank(path.terms.total()) < limit)
-}
-
-/// Makes the pair the best one if it costs less and passes reverification; else returns the reason.
-fn take_if_better(best: &mut Option<Choice>, pair: Choice, record: &mut CycleRecord) -> Option<Rejection> {
-    if best.as_ref().is_some_and(|b| rank(b.cost) <= rank(pair.cost)) {
-        return Some(Rejection::HigherCost);
-    }
-    if pair.proven.reverify().is_err() {
-        return Some(Rejection::ReverificationFailed);
-    }
-    if let Some(previous) = best.replace(pair) {
-        record.reject(previous.candidate, Rejection::HigherCost);
-    }
-    None
 }
 
 #[cfg(test)]

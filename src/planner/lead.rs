@@ -84,6 +84,11 @@ impl Lead {
         self.knots[self.knots.len() - 1].station
     }
 
+    /// Its largest deceleration, m/s².
+    pub(super) fn deceleration(&self) -> f64 {
+        self.knots.iter().map(|k| -k.acceleration).fold(0.0, f64::max)
+    }
+
     /// The state at its end, where plans start. Stations are those of the lead; `curvature` is that of a lead without a length.
     pub(super) fn end(&self, curvature: f64) -> TrajectoryPoint {
         let knot = self.knots[self.knots.len() - 1];

@@ -7,8 +7,10 @@
 //! `unproven`.
 
 use super::Planner;
+use super::candidate::planned_lateral;
+use super::tube::Tube;
 use crate::collision::{Margins, SafetyMargins};
-use crate::vehicle::ProofLimits;
+use crate::vehicle::{GripUse, ProofLimits};
 
 /// What a plan demands of the vehicle, its passengers and other traffic; ordered, the gentlest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -83,6 +85,13 @@ pub(super) struct LevelLimits {
     pub(super) robust: bool,
 }
 
+impl LevelLimits {
+    /// Station up to which moving obstacles are resolved finely from a start speed (m/s), m; 0 if they are not.
+    pub(super) fn fine_until(&self, speed: f64) -> f64 {
+        if self.is_fine { fine_until(speed) } else { 0.0 }
+    }
+}
+
 /// Station up to which moving obstacles are resolved finely from a start speed (m/s), m: bumper to bumper, cells of half a metre
 /// and slices of a tenth of a second are too coarse, until braking has opened the gap.
 pub(super) fn fine_until(speed: f64) -> f64 {
@@ -97,9 +106,10 @@ impl Planner<'_> {
     /// The levels with a proof, in the order of the attempts. A committed proven plan is not left for a harder level.
     pub(super) fn levels(&self) -> Vec<LevelLimits> {
         let comfort = &self.vehicle.comfort;
+        let least = self.least_tube().margins;
         let first = LevelLimits {
             level: Level::Comfort,
-            margins: self.settings.collision.margins(),
+            margins: self.settings.collision.margins().at_least(&self.comfortable_tube().margins),
             is_fine: false,
             acceleration: comfort.acceleration,
             braking: comfort.deceleration,
@@ -116,27 +126,36 @@ impl Planner<'_> {
         let no_margin = LevelLimits {
             level: Level::NoMargin,
             time_gap: 0.0,
-            margins: NO_MARGINS,
+            margins: least,
             is_fine: true,
             search_share: 1.0,
             ..in_junction
         };
         let mut levels = vec![first, short_gap, in_junction, no_margin];
-        levels.extend(self.emergency_levels(&self.limits));
+        levels.extend(self.emergency_levels(&self.limits, least));
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
             levels.retain(|l| l.level.is_as_safe_as(committed.level));
         }
         self.with_robust_levels(levels)
     }
 
+    /// The tube of comfortable driving and of a stop with the aggressive deceleration.
+    fn comfortable_tube(&self) -> Tube {
+        let comfort = &self.vehicle.comfort;
+        let grip = self.limits.lateral_beside(0.0);
+        let lateral = planned_lateral(&self.settings, &self.vehicle, comfort.lateral_acceleration);
+        let total = lateral.hypot(comfort.aggressive_deceleration) / grip;
+        Tube::with(&self.described, &GripUse { total, turning: lateral / grip, curvature: 0.0 })
+    }
+
     /// The emergency levels of the settings, as far as the limits permit.
-    pub(super) fn emergency_levels(&self, limits: &ProofLimits) -> Vec<LevelLimits> {
+    pub(super) fn emergency_levels(&self, limits: &ProofLimits, margins: SafetyMargins) -> Vec<LevelLimits> {
         let one = |(index, e): (u8, &super::EmergencyLimits)| {
             let deceleration = e.deceleration.min(limits.deceleration());
             let is_fast = e.acceleration > self.vehicle.comfort.acceleration;
             LevelLimits {
                 level: Level::Emergency(index),
-                margins: NO_MARGINS,
+                margins,
                 is_fine: true,
                 acceleration: e.acceleration.min(limits.acceleration()),
                 braking: NOMINAL_SHARE * deceleration,
@@ -153,7 +172,7 @@ impl Planner<'_> {
     }
 }
 
-/// The margins of the levels without margins, m: the smallest tracking error.
+/// The margins of plans without a proof, m.
 pub(super) const NO_MARGINS: SafetyMargins =
     SafetyMargins { static_obstacles: Margins::uniform(0.01), moving_obstacles: Margins::uniform(0.01), road: 0.0 };
 /// Fraction of the comfortable lateral acceleration that paths may use; the tracking controller has the remainder.

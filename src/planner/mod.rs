@@ -37,6 +37,7 @@ mod refinement;
 mod reproof;
 mod settings;
 mod traffic;
+mod tube;
 mod unproven;
 
 pub use goal::GoalOnLane;
@@ -58,15 +59,16 @@ use self::hysteresis::CommittedPlan;
 use self::known::{Change, Known};
 use self::lanes::Lane;
 use self::lead::Lead;
-use self::level::{LevelLimits, fine_until};
+use self::level::LevelLimits;
 use self::traffic::Traffic;
+use self::tube::{Driven, Tube};
 use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
 use crate::map::{Goal, Map};
 use crate::reference::{Frenet, ReferenceLine};
 pub use crate::settings::SettingsError;
-use crate::speed::smoothing::{self, Smoothed, Smoother};
+use crate::speed::smoothing::{self, Failure, Smoothed, Smoother};
 use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
@@ -92,6 +94,8 @@ pub struct Planner<'m> {
     lanes: Result<Vec<Lane>, NoLane>,
     traffic: Traffic,
     committed: Option<Committed>,
+    /// What the driven trajectory used of the grip.
+    driven: Driven,
     cruise: f64,
     /// Time of the last cycle, s of the run.
     time: f64,
@@ -109,6 +113,8 @@ struct Committed {
     is_refined: bool,
     /// Length of its lead, m.
     lead: f64,
+    /// Where the vehicle may be while it follows the trajectory.
+    tube: Tube,
     /// Margins of its proof, and up to which station traffic is resolved finely, m.
     margins: SafetyMargins,
     fine_until: f64,
@@ -121,6 +127,12 @@ struct Committed {
     robust: bool,
     limited_by: Option<Cause>,
     stops_for: Option<Cause>,
+}
+
+impl Committed {
+    fn sweeps(&self) -> Vec<&Sweep> {
+        self.sweeps.iter().map(AsRef::as_ref).collect()
+    }
 }
 
 /// Start of the plans of a cycle.
@@ -177,6 +189,7 @@ impl<'m> Planner<'m> {
             lanes: Err(NoLane::NoReference),
             traffic: Traffic::default(),
             committed: None,
+            driven: Driven::default(),
             cruise: settings.cruise_speed,
             time: f64::NEG_INFINITY,
         })
@@ -211,6 +224,7 @@ impl<'m> Planner<'m> {
         self.update_traffic(state);
         self.verify_committed(state);
         let start = self.start(state);
+        self.record_use(&start, state.time);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
         // a contact during the lead can be proven away by no plan
@@ -227,7 +241,8 @@ impl<'m> Planner<'m> {
                 let trace = &mut record.trace;
                 trace.chosen = Some(choice.candidate);
                 let smoothing_begun = Instant::now();
-                let (profile, smoothing) = self.smoothed(&start, &choice);
+                let (profile, smoothing, tube) = self.smoothed(&start, &level, &choice);
+                let choice = Choice { tube, ..choice };
                 trace.stage_seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 trace.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 trace.blocked = choice.proven.blocked.iter().map(|cell| cell.moved(start.lead.length())).collect();
@@ -316,8 +331,7 @@ impl<'m> Planner<'m> {
         let duration = lead::duration(&self.vehicle);
         // the reference of a plan without a proof may be beyond what the vehicle can follow
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
-            let error = committed.trajectory.at(state.time).pose.to_local(state.pose.position);
-            if error.x.abs() <= self.settings.restart_longitudinal && error.y.abs() <= self.settings.restart_lateral {
+            if committed.tube.contains(&committed.trajectory.at(state.time).pose, &state.pose) {
                 let lead = Lead::on(&committed.trajectory, state.time, duration);
                 let point = committed.trajectory.at(state.time + duration);
                 return Start { lead, point, lead_contact: None, on_plan: true };
@@ -412,7 +426,7 @@ impl<'m> Planner<'m> {
             settings: &self.settings,
             traffic: self.predictions_for(&level),
             margins: level.margins.moving_obstacles,
-            fine_until: if level.is_fine { fine_until(start.point.speed) } else { 0.0 },
+            fine_until: level.fine_until(start.point.speed),
             reference: &lane.reference,
             goal: lane.goal,
             goal_missed_at: lane.goal_missed_at,
@@ -432,14 +446,19 @@ impl<'m> Planner<'m> {
         }
     }
 
-    /// The jerk-limited profile of the choice if it passes reverification, else the raw profile.
-    fn smoothed(&self, start: &Start, choice: &Choice) -> (SpeedProfile, Smoothing) {
+    /// The jerk-limited profile of the choice with its tube if it passes reverification, else the raw profile.
+    fn smoothed(&self, start: &Start, level: &LevelLimits, choice: &Choice) -> (SpeedProfile, Smoothing, Tube) {
         let Proven { problem, target, raw_profile, .. } = &*choice.proven;
         let acceleration = start.point.acceleration;
-        match self.smoother.smooth_and_prove(problem, &target.speeds, raw_profile, acceleration) {
-            Ok(Smoothed { profile, is_firm: false }) => (profile, Smoothing::Comfortable),
-            Ok(Smoothed { profile, is_firm: true }) => (profile, Smoothing::Firm),
-            Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why)),
+        let smoothed = self.smoother.smooth_and_prove(problem, &target.speeds, raw_profile, acceleration);
+        let in_tube = smoothed.and_then(|smoothed| {
+            let tube = self.tube_of(start, level, &choice.path, &smoothed.profile);
+            tube.map(|tube| (smoothed, tube)).map_err(|_| Failure::OutOfTube)
+        });
+        match in_tube {
+            Ok((Smoothed { profile, is_firm: false }, tube)) => (profile, Smoothing::Comfortable, tube),
+            Ok((Smoothed { profile, is_firm: true }, tube)) => (profile, Smoothing::Firm, tube),
+            Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why), choice.tube),
         }
     }
 
@@ -461,12 +480,14 @@ impl<'m> Planner<'m> {
         Committed {
             trajectory: start.lead.followed_by(&choice.path.path, &profile),
             lead: start.lead.length(),
-            margins: level.margins,
-            fine_until: start.lead.length() + if level.is_fine { fine_until(start.point.speed) } else { 0.0 },
+            tube: choice.tube,
+            margins: level.margins.at_least(&choice.tube.margins),
+            fine_until: start.lead.length() + level.fine_until(start.point.speed),
             path_cost: choice.path.terms.total() - choice.path.terms.plan_change,
             sweeps: lead.into_iter().chain(choice.path.sweeps).collect(),
             statics: self.known.statics,
-            deceleration: choice.deceleration,
+            // the proof begins after the lead, what the plan does does not
+            deceleration: choice.deceleration.max(start.lead.deceleration()),
             level: level.level,
             smoothing,
             is_refined: choice.is_refined,

@@ -198,6 +198,10 @@ pub enum Rejection {
     NoProfile,
     /// `reverification_failed`: an independent check of the raw profile failed. This is a fault of the search.
     ReverificationFailed,
+    /// `not_drivable`: the trajectory demands more than the vehicle can follow: grip, speed, steering rate or curvature.
+    NotDrivable,
+    /// `tube_blocked`: something is within the tracking errors to expect on the plan.
+    TubeBlocked,
     /// `higher_cost`: another candidate with a proven stop costs less. No speed search ran if the lower bound of the cost
     /// was already higher.
     HigherCost,
@@ -208,7 +212,7 @@ pub enum Rejection {
 
 impl Rejection {
     /// Every reason, in the order of the checks.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::CurveSpeedInfeasible,
         Self::BlockedAtStart,
         Self::CannotStop,
@@ -216,6 +220,8 @@ impl Rejection {
         Self::NoProofInBudget,
         Self::NoProfile,
         Self::ReverificationFailed,
+        Self::NotDrivable,
+        Self::TubeBlocked,
         Self::HigherCost,
         Self::BelowSwitchingThreshold,
     ];
@@ -231,6 +237,8 @@ impl Rejection {
             Self::NoProofInBudget => "no_proof_in_budget",
             Self::NoProfile => "no_profile",
             Self::ReverificationFailed => "reverification_failed",
+            Self::NotDrivable => "not_drivable",
+            Self::TubeBlocked => "tube_blocked",
             Self::HigherCost => "higher_cost",
             Self::BelowSwitchingThreshold => "below_switching_threshold",
         }
@@ -370,7 +378,7 @@ mod tests {
         codes.dedup();
         assert_eq!(codes.len(), Rejection::ALL.len());
         assert!(Rejection::ALL.windows(2).all(|w| w[0] < w[1]), "duplicate or out of order");
-        assert_eq!(Rejection::ALL[8], Rejection::BelowSwitchingThreshold, "the last reason is missing");
+        assert_eq!(Rejection::ALL[10], Rejection::BelowSwitchingThreshold, "the last reason is missing");
     }
 
     #[test]

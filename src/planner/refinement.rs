@@ -12,6 +12,7 @@ use std::time::Instant;
 use super::candidate::{Evaluation, Proven, delay};
 use super::choice::Choice;
 use super::level::LevelLimits;
+use super::tube::Tube;
 use super::{CycleRecord, Planner, Start, allowance_at, committed_plan, context};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
@@ -32,7 +33,7 @@ impl Planner<'_> {
         let better = self.refinement(start, level, &choice, record);
         record.trace.stage_seconds.refinement = begun.elapsed().as_secs_f64();
         match better {
-            Some((path, proven, cost)) => Choice { path, proven, cost, is_refined: true, ..choice },
+            Some((path, proven, tube, cost)) => Choice { path, proven, tube, cost, is_refined: true, ..choice },
             None => choice,
         }
     }
@@ -43,7 +44,7 @@ impl Planner<'_> {
         level: LevelLimits,
         choice: &Choice,
         record: &mut CycleRecord,
-    ) -> Option<(LatticePath, Box<Proven>, f64)> {
+    ) -> Option<(LatticePath, Box<Proven>, Tube, f64)> {
         let settings = &self.settings.refinement;
         if !settings.enabled {
             return None;
@@ -82,8 +83,11 @@ impl Planner<'_> {
                 let delay = delay(&self.settings, situation.free_progress() - proven.progress, &path.terms);
                 let cost = path.terms.total() + delay;
                 let is_slower = proven.progress + ON_TIME < choice.proven.progress;
-                let passes = || proven.reverify().is_ok();
-                (!is_slower && passes() && rank(cost) <= rank(choice.cost)).then_some((path, proven, cost))
+                if is_slower || rank(cost) > rank(choice.cost) || proven.reverify().is_err() {
+                    return None;
+                }
+                let tube = self.tube_of(start, &level, &path, &proven.raw_profile).ok()?;
+                Some((path, proven, tube, cost))
             }
         }
     }

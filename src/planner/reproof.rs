@@ -8,11 +8,11 @@
 //! A plan with margins that holds only without them goes on as one without. A plan that holds no more is one without a proof:
 //! [`Level::Unproven`].
 
-use super::level::{Level, NO_MARGINS};
+use super::level::Level;
 use super::{Committed, Planner, allowance_at};
-use crate::collision::SafetyMargins;
+use crate::collision::{SafetyMargins, Sweep};
 use crate::speed::{AccelerationLimits, SpeedProblem, prove};
-use crate::trajectory::Path;
+use crate::trajectory::{Path, Trajectory};
 use crate::vehicle::State;
 
 /// Tolerance of a changed limit, m/s².
@@ -25,7 +25,7 @@ impl Planner<'_> {
     pub(super) fn verify_committed(&mut self, state: &State) {
         let Some(committed) = self.committed.take_if(|c| c.level.is_proven()) else { return };
         let as_before = (committed.level, committed.margins, committed.robust);
-        let bare = (committed.level.max(Level::NoMargin), NO_MARGINS, false);
+        let bare = (committed.level.max(Level::NoMargin), committed.tube.margins, false);
         let weaker = [as_before, (committed.level, committed.margins, false), bare];
         let holds =
             weaker.into_iter().find(|(_, margins, robust)| self.holds(&committed, margins, *robust, state.time));
@@ -36,28 +36,35 @@ impl Planner<'_> {
 
     fn holds(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {
         plan.deceleration <= self.limits.deceleration() + ACCELERATION_SLACK
-            && (plan.statics == self.known.statics || self.is_free_of_statics(plan, margins, now))
-            && self.is_free_of_traffic(plan, margins, robust, now)
+            && (plan.statics == self.known.statics || self.is_free_of_statics(&plan.trajectory, margins, now))
+            && self.is_free_of_traffic(&plan.trajectory, (&plan.sweeps(), plan.fine_until), margins, robust, now)
     }
 
     /// Whether the part of the path that is still ahead is free of static obstacles, up to the standstill.
-    fn is_free_of_statics(&self, plan: &Committed, margins: &SafetyMargins, now: f64) -> bool {
-        let (world, here) = (&self.known.world, plan.trajectory.at(now));
-        let ahead = Path::new(here.pose, &plan.trajectory.path.part(here.station, f64::INFINITY));
+    pub(super) fn is_free_of_statics(&self, plan: &Trajectory, margins: &SafetyMargins, now: f64) -> bool {
+        let (world, here) = (&self.known.world, plan.at(now));
+        let ahead = Path::new(here.pose, &plan.path.part(here.station, f64::INFINITY));
         let Some(ahead) = ahead else { return true };
         let allowance = allowance_at(world, margins, &here);
         let hit = world.probe_path(&ahead).static_hit(margins, &allowance);
-        hit.is_none_or(|hit| here.station + hit.station >= plan.trajectory.profile.last().station - STATION_SLACK)
+        hit.is_none_or(|hit| here.station + hit.station >= plan.profile.last().station - STATION_SLACK)
     }
 
-    fn is_free_of_traffic(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {
-        let (trajectory, horizon) = (&plan.trajectory, self.known.horizon.max(now + 1.0));
-        let sweeps: Vec<_> = plan.sweeps.iter().map(AsRef::as_ref).collect();
+    /// Whether the sweeps of a trajectory, resolved finely up to a station (m), are free of traffic while it visits them.
+    pub(super) fn is_free_of_traffic(
+        &self,
+        trajectory: &Trajectory,
+        (sweeps, fine_until): (&[&Sweep], f64),
+        margins: &SafetyMargins,
+        robust: bool,
+        now: f64,
+    ) -> bool {
+        let horizon = self.known.horizon.max(now + 1.0);
         if sweeps.is_empty() {
             return true;
         }
         let predictions = self.predictions(robust);
-        let grid = predictions.blocked_finely(&sweeps, &margins.moving_obstacles, (now, horizon), plan.fine_until);
+        let grid = predictions.blocked_finely(sweeps, &margins.moving_obstacles, (now, horizon), fine_until);
         let ahead = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from.max(now), b.to)).collect::<Vec<_>>();
         let stations = grid.stations().to_vec();
         let problem = SpeedProblem {
@@ -70,7 +77,7 @@ impl Planner<'_> {
             horizon,
             limits: AccelerationLimits {
                 acceleration: f64::INFINITY,
-                deceleration: plan.deceleration,
+                deceleration: f64::INFINITY,
                 aggressive_deceleration: f64::INFINITY,
             },
             stations,

@@ -26,10 +26,6 @@ pub struct Settings {
     /// Factor on the cruise speed at emergency levels with more than the comfortable acceleration, so that the vehicle can
     /// clear a conflict zone.
     pub emergency_speed_factor: f64,
-    /// Lateral tracking error above which planning restarts from the measured state, m.
-    pub restart_lateral: f64,
-    /// Longitudinal tracking error above which planning restarts from the measured state, m.
-    pub restart_longitudinal: f64,
     /// Maximum number of expansions in each phase of a speed search.
     pub expansions: usize,
     /// Largest jerk of comfortable speed profiles, m/s³.
@@ -174,8 +170,6 @@ impl Settings {
             level.validate().map_err(|e| e.in_table(&format!("emergency[{i}]")))?;
         }
         positive("emergency_speed_factor", self.emergency_speed_factor, 10.0, "times the cruising speed")?;
-        positive("restart_lateral", self.restart_lateral, f64::INFINITY, "m")?;
-        positive("restart_longitudinal", self.restart_longitudinal, f64::INFINITY, "m")?;
         count("expansions", self.expansions, 1..=10_000_000)?;
         // a lower jerk is not noticeable and too slow to stop in time
         within("jerk", self.jerk, 0.5..=1000.0, "m/s³")?;
@@ -233,8 +227,6 @@ impl Default for Settings {
                 EmergencyLimits { acceleration: 4.0, deceleration: 8.0 },
             ],
             emergency_speed_factor: 1.3,
-            restart_lateral: 0.5,
-            restart_longitudinal: 1.5,
             expansions: 5_000,
             jerk: 1.8,
             time_gap: 0.8,

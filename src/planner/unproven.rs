@@ -12,6 +12,7 @@
 
 use super::level::{Level, LevelLimits, NO_MARGINS, fine_until};
 use super::record::ExpectedContact;
+use super::tube::Tube;
 use super::{Committed, CycleRecord, Planner, Smoothing, Start};
 use crate::collision::{Allowance, Blocker, Predictions, Sweep};
 use crate::geometry::spiral::CubicSpiral;
@@ -44,14 +45,15 @@ impl Braking {
 impl Planner<'_> {
     /// The plan without a proof from the start.
     pub(super) fn unproven(&mut self, start: &Start, record: &mut CycleRecord) -> (Committed, Option<ExpectedContact>) {
-        let levels = self.emergency_levels(&self.unreserved);
+        let levels = self.emergency_levels(&self.unreserved, NO_MARGINS);
+        let unproven = |level: LevelLimits| LevelLimits { level: Level::Unproven, ..level };
+        let levels: Vec<LevelLimits> = levels.into_iter().map(unproven).collect();
         for level in &levels {
             record.attempt += 1;
             if let Some(choice) = self.choose(start, *level, record) {
                 record.trace.chosen = Some(choice.candidate);
                 let profile = choice.proven.raw_profile.clone();
-                let unproven = LevelLimits { level: Level::Unproven, ..*level };
-                let committed = self.committed_of(start, unproven, choice, profile, Smoothing::EmergencyStop);
+                let committed = self.committed_of(start, *level, choice, profile, Smoothing::EmergencyStop);
                 return (committed, start.lead_contact);
             }
         }
@@ -67,6 +69,7 @@ impl Planner<'_> {
             smoothing: Smoothing::EmergencyStop,
             is_refined: false,
             lead: start.lead.length(),
+            tube: Tube::UNKNOWN,
             margins: NO_MARGINS,
             fine_until: 0.0,
             sweeps: Vec::new(),

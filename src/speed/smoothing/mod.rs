@@ -134,12 +134,14 @@ pub enum Failure {
     NoSolution,
     /// The proof of the solutions failed; the code names the violation of the last one ([`ProofViolation::CODES`]).
     ReverificationFailed(&'static str),
+    /// `out_of_tube`: the vehicle cannot be relied on to follow the profile, or something is within its tracking errors.
+    OutOfTube,
 }
 
 impl Failure {
     /// All codes.
     pub fn codes() -> impl Iterator<Item = &'static str> {
-        std::iter::once(Self::NoSolution.code()).chain(ProofViolation::CODES)
+        [Self::NoSolution, Self::OutOfTube].map(Self::code).into_iter().chain(ProofViolation::CODES)
     }
 
     /// The stable code used in reports.
@@ -148,6 +150,7 @@ impl Failure {
         match self {
             Self::NoSolution => "no_solution",
             Self::ReverificationFailed(code) => code,
+            Self::OutOfTube => "out_of_tube",
         }
     }
 }

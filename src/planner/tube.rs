@@ -1,0 +1,166 @@
+//! The tracking tube in proofs: a plan is proven for every position that the vehicle may have while it follows the plan.
+//!
+//! The vehicle is never exactly on its trajectory. How far away it may be follows from what the trajectory uses of the tyres'
+//! grip ([`crate::vehicle::TrackingTube`]). So the margins of a proof are not chosen, they are those that the plan needs:
+//!
+//! 1. The lattice search keeps the margins of its level. They are at least those of the calmest driving.
+//! 2. [`Vehicle::drivable`] checks the whole trajectory of a plan, with its lead and its stop. Outside of the tube's domain nothing is
+//!    known of the vehicle, so that such a plan has no proof.
+//! 3. Where the tube of the plan is wider than the margins of its level, the plan is checked for collision again, with the tube. If
+//!    something is inside, the path is tried once more with a speed profile that keeps this distance.
+//!
+//! Tracking errors fade within seconds. The use of the grip before a cycle therefore counts with that of the plan
+//! ([`Driven`]). A vehicle outside of its tube is planned for from its measured state: the tube is the tolerance of the restart, too.
+//!
+//! Weak: within a margin that the start of a plan is already inside of, the tube is not checked for the first metres
+//! (`allowance_at`).
+
+use std::sync::Arc;
+
+use super::level::LevelLimits;
+use super::{Planner, Start, allowance_at};
+use crate::collision::{Margins, SafetyMargins, Sweep};
+use crate::geometry::Pose;
+use crate::lattice::LatticePath;
+use crate::trajectory::{SpeedProfile, Trajectory};
+use crate::vehicle::{GripUse, PathMotion, TrackingError, Vehicle};
+
+/// Width of the tube beyond the road boundary that a proof permits, m: lanelets of real maps have gaps of centimetres between their
+/// bounds, and the verdict judges by the same width.
+const BEYOND_ROAD: f64 = 0.05;
+/// How long a use of the grip counts after it ended, s: the settling time of the tracking controller.
+const SETTLES_AFTER: f64 = 2.0;
+
+/// The tracking tube of a plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Tube {
+    /// Largest tracking errors; infinite for a plan without a proof.
+    pub(super) error: TrackingError,
+    /// Margins that contain them.
+    pub(super) margins: SafetyMargins,
+}
+
+impl Tube {
+    /// Of a plan without a proof: nothing is claimed of it.
+    pub(super) const UNKNOWN: Self = Self {
+        error: TrackingError { lateral: f64::INFINITY, longitudinal: f64::INFINITY, heading: f64::INFINITY },
+        margins: SafetyMargins::NONE,
+    };
+
+    /// With this largest use of the grip.
+    pub(super) fn with(vehicle: &Vehicle, used: &GripUse) -> Self {
+        let needed = vehicle.tracking_margins(used);
+        let margins = Margins { lateral: needed.lateral, longitudinal: needed.longitudinal };
+        let road = (needed.lateral - BEYOND_ROAD).max(0.0);
+        Self {
+            error: vehicle.tracking.at(used),
+            margins: SafetyMargins { static_obstacles: margins, moving_obstacles: margins, road },
+        }
+    }
+
+    /// Whether a pose is inside the tube around a reference pose.
+    pub(super) fn contains(&self, reference: &Pose, pose: &Pose) -> bool {
+        let error = reference.to_local(pose.position);
+        error.x.abs() <= self.error.longitudinal && error.y.abs() <= self.error.lateral
+    }
+}
+
+/// Why a plan has no tube.
+pub(super) enum OutOfTube {
+    /// It leaves the domain in which the tracking errors are known.
+    NotDrivable,
+    /// Something is inside these margins, which the plan needs.
+    Blocked(SafetyMargins),
+}
+
+/// The use of the grip within the last [`SETTLES_AFTER`] seconds, on plans that continue each other.
+#[derive(Debug, Default)]
+pub(super) struct Driven(Vec<(f64, GripUse)>);
+
+impl Driven {
+    /// Forgets everything: the vehicle begins exactly on its trajectory.
+    pub(super) fn restart(&mut self) {
+        self.0.clear();
+    }
+
+    /// Adds the use at a time, s of the run, which does not go backwards.
+    pub(super) fn add(&mut self, time: f64, used: GripUse) {
+        self.0.retain(|(at, _)| *at >= time - SETTLES_AFTER);
+        self.0.push((time, used));
+    }
+
+    /// The largest use.
+    pub(super) fn used(&self) -> GripUse {
+        self.0.iter().map(|(_, used)| *used).fold(GripUse::default(), GripUse::max)
+    }
+}
+
+impl Planner<'_> {
+    /// Records what the committed trajectory uses now.
+    pub(super) fn record_use(&mut self, start: &Start, time: f64) {
+        let Some(committed) = self.committed.as_ref().filter(|_| start.on_plan) else {
+            self.driven.restart();
+            return;
+        };
+        let now = committed.trajectory.at(time);
+        let motion = PathMotion {
+            speed: now.speed,
+            acceleration: now.acceleration,
+            curvature: now.curvature,
+            curvature_rate: now.curvature_rate,
+        };
+        self.driven.add(time, motion.grip_use(&self.described, self.friction));
+    }
+
+    /// The tube of calm driving: the least that a proof needs.
+    pub(super) fn least_tube(&self) -> Tube {
+        Tube::with(&self.described, &GripUse::default())
+    }
+
+    /// The tube of a plan on a level, if the vehicle can be relied on to stay inside, and if nothing else is there.
+    pub(super) fn tube_of(
+        &self,
+        start: &Start,
+        level: &LevelLimits,
+        path: &LatticePath,
+        profile: &SpeedProfile,
+    ) -> Result<Tube, OutOfTube> {
+        if !level.level.is_proven() {
+            return Ok(Tube::UNKNOWN);
+        }
+        let trajectory = start.lead.followed_by(&path.path, profile);
+        let used = self.described.drivable(self.friction, &trajectory).map_err(|_| OutOfTube::NotDrivable)?;
+        let tube = Tube::with(&self.described, &used.max(self.driven.used()));
+        let margins = level.margins.at_least(&tube.margins);
+        let is_free = margins == level.margins || self.is_tube_free(start, level, &trajectory, &path.sweeps, &margins);
+        if is_free { Ok(tube) } else { Err(OutOfTube::Blocked(margins)) }
+    }
+
+    /// A path that ends in front of whatever is inside these margins.
+    pub(super) fn shortened(&self, start: &Start, margins: &SafetyMargins, path: LatticePath) -> LatticePath {
+        let world = &self.known.world;
+        let allowance = allowance_at(world, margins, &start.point);
+        match world.probe_path(&path.path).static_hit(margins, &allowance) {
+            Some(hit) if hit.station < path.free_length => {
+                LatticePath { free_length: hit.station, blocked_by: Some(hit.what), ..path }
+            }
+            _ => path,
+        }
+    }
+
+    fn is_tube_free(
+        &self,
+        start: &Start,
+        level: &LevelLimits,
+        trajectory: &Trajectory,
+        sweeps: &[Arc<Sweep>],
+        margins: &SafetyMargins,
+    ) -> bool {
+        let lead = start.lead.path().map(|path| self.known.world.sweep_path(&path));
+        let sweeps: Vec<&Sweep> = lead.iter().chain(sweeps.iter().map(AsRef::as_ref)).collect();
+        let fine_until = start.lead.length() + level.fine_until(start.point.speed);
+        let now = trajectory.start_time;
+        self.is_free_of_statics(trajectory, margins, now)
+            && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
+    }
+}
