@@ -138,7 +138,8 @@ impl Situation<'_> {
                 }
                 let progress = smoothing::raw_profile(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&problem, LONG_WAIT);
-                let speed_limits = self.hard_limits(path, &along, &problem.stations, self.lateral_limit, 1.0);
+                let speed_limits =
+                    self.hard_limits(path, &along, &problem.stations, self.lateral_limit, PROOF_STEERING_SHARE);
                 let speeds = std::mem::replace(&mut problem.speed_limits, speed_limits);
                 let target = TargetLimits { stations: problem.stations.clone(), along, speeds };
                 let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
@@ -310,8 +311,19 @@ impl Situation<'_> {
         steering_share: f64,
     ) -> Vec<f64> {
         let curve = self.curve_limits(lateral, steering_share);
-        let limit = |s: &f64| curve.at(&path.path.at(*s)).min(self.rule_at(along.reference_at(*s))).min(self.cruise);
-        stations.iter().map(limit).collect()
+        let bend = |station: f64| {
+            let (curvature, rate) = path.path.curvature_and_rate_at(station);
+            curve.at_curvature(curvature, rate)
+        };
+        let rules = |s: f64| self.rule_at(along.reference_at(s)).min(self.cruise);
+        let mut limits: Vec<f64> = stations.iter().map(|s| bend(*s).min(rules(*s))).collect();
+        // a bend that begins or ends inside a cell limits both of its nodes
+        for (i, cell) in stations.windows(2).enumerate() {
+            let inside = INSIDE.map(|share| bend(cell[0] + share * (cell[1] - cell[0])));
+            let inside = inside.into_iter().fold(f64::INFINITY, f64::min);
+            (limits[i], limits[i + 1]) = (limits[i].min(inside), limits[i + 1].min(inside));
+        }
+        limits
     }
 
     /// The limit of the goal at a station of the reference line, m/s: its time window before it, its speed inside.
@@ -394,8 +406,12 @@ pub(super) const TRAVEL_TIME_HORIZON: f64 = 6.0;
 const MIN_CELL: f64 = 0.02;
 /// Slowest approach to a goal before its time window opens, m/s.
 const MIN_APPROACH_SPEED: f64 = 0.5;
-/// Fraction of the steering rate that plans may use; the tracking controller has the remainder.
+/// Fraction of the steering rate that plans aim at; the tracking controller has the remainder.
 const STEERING_SHARE: f64 = 0.8;
+/// Where bends are looked for inside a cell, as shares of its length.
+const INSIDE: [f64; 3] = [0.25, 0.5, 0.75];
+/// Fraction of it that proofs permit: with their tolerance of speeds it is all of it.
+const PROOF_STEERING_SHARE: f64 = 0.95;
 
 /// The intervals extended by `gap` on both sides (not before `now`) and merged where they overlap.
 fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> {

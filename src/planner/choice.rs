@@ -8,7 +8,6 @@
 use rayon::prelude::*;
 
 use super::candidate::{Evaluation, Proven, delay};
-use super::lanes::Lane;
 use super::level::LevelLimits;
 use super::record::{Candidate, Cause, Rejection};
 use super::tube::{OutOfTube, Tube};
@@ -83,7 +82,7 @@ impl Planner<'_> {
                             Ok(pair) => take(best, pair, record),
                             Err(Refused { why: Rejection::TubeBlocked, again: Some((pair, margins)) }) => {
                                 let wide = LevelLimits { margins, ..level };
-                                let pair = self.evaluated_again(start, on, &wide, *pair, record);
+                                let pair = self.evaluated_again(start, &wide, &pair, record);
                                 let pair = pair.and_then(|pair| self.accepted(start, &wide, best.as_ref(), pair).ok());
                                 pair.map_or(Some(Rejection::TubeBlocked), |pair| {
                                     note.terms.travel_time += pair.cost - note.cost;
@@ -101,7 +100,7 @@ impl Planner<'_> {
     }
 
     /// The pair with its tube, if it costs less than the best one, passes reverification and its tube is free.
-    fn accepted(
+    pub(super) fn accepted(
         &self,
         start: &Start,
         level: &LevelLimits,
@@ -124,27 +123,27 @@ impl Planner<'_> {
     }
 
     /// The pair with another speed profile, which keeps the margins of a level to all obstacles; `None` without one.
-    fn evaluated_again(
+    pub(super) fn evaluated_again(
         &self,
         start: &Start,
-        lane: &Lane,
         level: &LevelLimits,
-        pair: Choice,
+        pair: &Choice,
         record: &mut CycleRecord,
     ) -> Option<Choice> {
-        let path = self.shortened(start, &level.margins, pair.path);
-        let situation = self.situation(start, lane, *level);
+        let path = self.shortened(start, &level.margins, pair.path.clone());
+        let situation = self.situation(start, self.lanes.as_ref().ok()?.get(pair.lane)?, *level);
         let Evaluation::Proven(proven) = situation.evaluate(&path) else { return None };
         record.trace.expansions += proven.expansions;
         let delay_of =
             |proven: &Proven| delay(&self.settings, situation.free_progress() - proven.progress, &path.terms);
         let cost = pair.cost + delay_of(&proven) - delay_of(&pair.proven);
-        Some(Choice { path, proven, cost, ..pair })
+        let Choice { lane, candidate, tube, deceleration, is_refined, .. } = *pair;
+        Some(Choice { lane, candidate, path, proven, tube, deceleration, cost, is_refined })
     }
 }
 
 /// A pair that is not taken. One whose tube is blocked can be tried again with the margins that it needs.
-struct Refused {
+pub(super) struct Refused {
     why: Rejection,
     again: Option<(Box<Choice>, SafetyMargins)>,
 }

@@ -61,7 +61,7 @@ use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
-use self::tube::{Driven, Tube};
+use self::tube::{Driven, OutOfTube, Tube};
 use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
@@ -238,11 +238,10 @@ impl<'m> Planner<'m> {
         let decision = match worth {
             Some((level, choice)) => {
                 let choice = self.refined(&start, level, choice, &mut record);
-                let trace = &mut record.trace;
-                trace.chosen = Some(choice.candidate);
+                record.trace.chosen = Some(choice.candidate);
                 let smoothing_begun = Instant::now();
-                let (profile, smoothing, tube) = self.smoothed(&start, &level, &choice);
-                let choice = Choice { tube, ..choice };
+                let (choice, profile, smoothing) = self.smoothed(&start, level, choice, &mut record);
+                let trace = &mut record.trace;
                 trace.stage_seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 trace.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
                 trace.blocked = choice.proven.blocked.iter().map(|cell| cell.moved(start.lead.length())).collect();
@@ -446,19 +445,46 @@ impl<'m> Planner<'m> {
         }
     }
 
-    /// The jerk-limited profile of the choice with its tube if it passes reverification, else the raw profile.
-    fn smoothed(&self, start: &Start, level: &LevelLimits, choice: &Choice) -> (SpeedProfile, Smoothing, Tube) {
+    /// The choice with its final speed profile: the jerk-limited one if it passes reverification and its tube is free, else the raw
+    /// one. Where the tube of the jerk-limited profile is not free, both are tried once more with the margins that it needs.
+    fn smoothed(
+        &self,
+        start: &Start,
+        level: LevelLimits,
+        choice: Choice,
+        record: &mut CycleRecord,
+    ) -> (Choice, SpeedProfile, Smoothing) {
+        let margins = match self.jerk_limited(start, &level, &choice) {
+            Ok((profile, smoothing, tube)) => return (Choice { tube, ..choice }, profile, smoothing),
+            Err((_, Some(margins))) => margins,
+            Err((why, None)) => return unsmoothed(choice, why),
+        };
+        let wide = LevelLimits { margins, ..level };
+        let again = self.evaluated_again(start, &wide, &choice, record).and_then(|choice| {
+            let choice = self.accepted(start, &wide, None, choice).ok()?;
+            let (profile, smoothing, tube) = self.jerk_limited(start, &wide, &choice).ok()?;
+            Some((Choice { tube, ..choice }, profile, smoothing))
+        });
+        again.unwrap_or_else(|| unsmoothed(choice, Failure::OutOfTube))
+    }
+
+    /// The jerk-limited profile of a choice with its tube; else why there is none, with the margins that the tube needs if it is not
+    /// free.
+    fn jerk_limited(
+        &self,
+        start: &Start,
+        level: &LevelLimits,
+        choice: &Choice,
+    ) -> Result<(SpeedProfile, Smoothing, Tube), (Failure, Option<SafetyMargins>)> {
         let Proven { problem, target, raw_profile, .. } = &*choice.proven;
         let acceleration = start.point.acceleration;
         let smoothed = self.smoother.smooth_and_prove(problem, &target.speeds, raw_profile, acceleration);
-        let in_tube = smoothed.and_then(|smoothed| {
-            let tube = self.tube_of(start, level, &choice.path, &smoothed.profile);
-            tube.map(|tube| (smoothed, tube)).map_err(|_| Failure::OutOfTube)
-        });
-        match in_tube {
-            Ok((Smoothed { profile, is_firm: false }, tube)) => (profile, Smoothing::Comfortable, tube),
-            Ok((Smoothed { profile, is_firm: true }, tube)) => (profile, Smoothing::Firm, tube),
-            Err(why) => (raw_profile.clone(), Smoothing::Unsmoothed(why), choice.tube),
+        let Smoothed { profile, is_firm } = smoothed.map_err(|why| (why, None))?;
+        let smoothing = if is_firm { Smoothing::Firm } else { Smoothing::Comfortable };
+        match self.tube_of(start, level, &choice.path, &profile) {
+            Ok(tube) => Ok((profile, smoothing, tube)),
+            Err(OutOfTube::NotDrivable) => Err((Failure::OutOfTube, None)),
+            Err(OutOfTube::Blocked(margins)) => Err((Failure::OutOfTube, Some(margins))),
         }
     }
 
@@ -583,6 +609,12 @@ fn is_no_deeper_off_road(world: &CollisionWorld, path: &Path, until: f64, impose
     const TOLERANCE: f64 = 0.02;
     let poses = path.sampled(SPACING).into_iter().take_while(|(station, _)| *station <= until);
     poses.into_iter().all(|(_, point)| world.depth_off_road(&point.pose) <= imposed + TOLERANCE)
+}
+
+/// The choice with its raw profile, and why.
+fn unsmoothed(choice: Choice, why: Failure) -> (Choice, SpeedProfile, Smoothing) {
+    let profile = choice.proven.raw_profile.clone();
+    (choice, profile, Smoothing::Unsmoothed(why))
 }
 
 /// The lattice context of a lane.

@@ -75,9 +75,12 @@ impl ProofViolation {
 
 /// Tolerance of stations, m: the accuracy of a quadratic program's solution, far below the collision margins.
 const STATION_SLACK: f64 = 1e-3;
-/// Tolerance of speed limits, m/s. The limits express comfort and traffic rules, not physics. If a limit appears during
-/// an acceleration of 1.5 m/s², a jerk limit of 1.8 m/s³ still raises the speed by 1.5²/(2·1.8) m/s.
-const SPEED_SLACK: f64 = 0.7;
+/// Tolerance of speed limits, as a share: 10 % of lateral acceleration, which limits by comfort leave to the controller. A limit
+/// that appears during an acceleration is exceeded for a moment by every jerk-limited profile.
+const SPEED_SLACK: f64 = 0.05;
+/// Tolerance of the speed while the vehicle brakes from a start above a limit, m/s: the jerk of comfortable braking is below
+/// [`RAMP_JERK`].
+const BRAKING_SLACK: f64 = 0.7;
 /// Jerk of the transition from the start acceleration to braking, m/s³: that of a firm brake application. It bounds the
 /// speed at which a start above a speed limit is excused.
 const RAMP_JERK: f64 = 5.0;
@@ -160,11 +163,12 @@ fn check_speed(
     let first = profile.knots().partition_point(|k| k.time < from);
     let inner = profile.knots()[first..].iter().take_while(|k| k.time <= to).map(|k| k.speed);
     let fastest = inner.chain([from, to].map(|t| profile.at(t).speed)).fold(0.0, f64::max);
-    let inside = fastest - problem.speed_limits[cell].max(problem.speed_limits[cell + 1]).max(braked);
-    let arriving = profile.at(to).speed - problem.speed_limits[cell + 1].max(braked);
+    let excess = |speed: f64, limit: f64| speed - ((1.0 + SPEED_SLACK) * limit).max(braked + BRAKING_SLACK);
+    let inside = excess(fastest, problem.speed_limits[cell].max(problem.speed_limits[cell + 1]));
+    let arriving = excess(profile.at(to).speed, problem.speed_limits[cell + 1]);
     // a start above the speed limit is excused while the vehicle brakes
     let excess = inside.max(arriving);
-    if excess > SPEED_SLACK { Err(ProofViolation::TooFast { cell, excess }) } else { Ok(()) }
+    if excess > 0.0 { Err(ProofViolation::TooFast { cell, excess }) } else { Ok(()) }
 }
 
 /// First time at which the profile reaches a station (m), s of the profile. `None` if it never does.

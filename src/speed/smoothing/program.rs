@@ -170,8 +170,13 @@ impl<'a> Program<'a> {
                 qp.between(0.0, &[(v(k), 1.0)], f64::INFINITY);
                 qp.between(0.0, &[(v(k), 1.0), (a(k), 0.5 * self.step(k))], f64::INFINITY);
             }
-            let station = linearised_about.at(self.start.time + self.times[k]).station;
-            let (limit, slope) = linearised_speed_limit(self.problem, self.speed_limits, station);
+            let at = |time: f64| linearised_about.at(self.start.time + time).station;
+            let station = at(self.times[k]);
+            let between = [k - 1, k + 1].map(|other| at(f64::midpoint(self.times[k], self.times[other])));
+            let (limit, slope) = match lowest_between(self.problem, self.speed_limits, between) {
+                Some(lowest) => (lowest, 0.0),
+                None => linearised_speed_limit(self.problem, self.speed_limits, station),
+            };
             if is_near(limit + slope * target.station - target.speed, NEAR_SPEED_LIMIT) {
                 // soft, because a start acceleration may raise the speed above a limit; a proof follows
                 let excess = qp.add_variable();
@@ -280,6 +285,16 @@ fn linearised_speed_limit(problem: &SpeedProblem, speed_limits: &[f64], station:
     let slope = slope.clamp(MIN_SLOPE, 0.0);
     let highest = speed_limits[cell].max(speed_limits[cell + 1] - slope * (nodes[cell + 1] - nodes[cell]));
     (highest - slope * nodes[cell], slope)
+}
+
+/// The lowest limit (m/s) inside an interval of stations (m) if it is lower than those at both ends: a short bend between two knots,
+/// which no tangent at a knot sees.
+fn lowest_between(problem: &SpeedProblem, speed_limits: &[f64], [from, to]: [f64; 2]) -> Option<f64> {
+    let nodes = &problem.stations;
+    let inside = nodes.partition_point(|n| *n < from)..nodes.partition_point(|n| *n <= to);
+    let ends = [inside.start.checked_sub(1)?, inside.end].map(|i| speed_limits.get(i).copied());
+    let lowest = speed_limits.get(inside)?.iter().copied().reduce(f64::min)?;
+    (lowest < ends[0]?.min(ends[1]?)).then_some(lowest)
 }
 
 /// The vehicle stands if its speed at the end of a solution is below this, m/s. The tolerance of the solver is 1e-8.
