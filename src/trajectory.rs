@@ -7,6 +7,7 @@
 
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
+use crate::geometry::steps::covering;
 
 /// A path of the rear-axle centre: a chain of cubic spirals, each starting at the end of the previous one. Stations
 /// start at 0, m.
@@ -66,11 +67,10 @@ impl Path {
     /// Equally spaced points with their stations (m), at most `spacing` (m) apart, including both ends.
     #[must_use]
     pub fn sampled(&self, spacing: f64) -> Vec<(f64, PathPoint)> {
-        let steps = (self.length / spacing).ceil().max(1.0);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of samples
-        (0..=steps as usize)
+        let steps = covering(self.length, spacing);
+        (0..=steps)
             .map(|i| {
-                let station = self.length * i as f64 / steps;
+                let station = self.length * i as f64 / steps as f64;
                 (station, self.at(station))
             })
             .collect()

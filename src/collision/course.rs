@@ -23,6 +23,7 @@ use super::swept::{Body, Frame, SKIN};
 use crate::geometry::Pose;
 use crate::geometry::quadrature::{GAUSS_3, GAUSS_5, GAUSS_8};
 use crate::geometry::spiral::CubicSpiral;
+use crate::geometry::steps::covering;
 
 /// Largest excess of the footprint of a cell over the covered area, as a fraction of the spacing: 4.5 cm at 0.5 m.
 pub(super) const EXCESS: f64 = 0.09;
@@ -132,15 +133,6 @@ fn excess(body: &Body, (k, k1): (f64, f64), h: f64) -> f64 {
     k * h * a * b / (a + b) + 0.125 * h * h * body.max_second_derivative(k, k1)
 }
 
-/// Number of equal cells with a length of at most `spacing`.
-fn cells_for(length: f64, spacing: f64) -> usize {
-    /// A length that is a multiple of the spacing up to rounding gets no additional cell.
-    const ROUNDING: f64 = 1e-9;
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of cells
-    let cells = (length / spacing - ROUNDING).ceil().max(1.0) as usize;
-    cells
-}
-
 /// One spiral, divided into cells.
 #[derive(Debug, Clone)]
 struct Piece {
@@ -184,7 +176,7 @@ impl Piece {
                 cuts += 1;
             }
         }
-        let cells = cuts * cells_for(length, spacing);
+        let cells = cuts * covering(length, spacing);
         let h = length / cells as f64;
         let mut block = 1;
         while 2 * block <= MAX_IN_BLOCK && block < cells {
@@ -381,7 +373,7 @@ impl Course {
         let piece = &self.pieces[self.piece_of(cell)];
         let begins = piece.arc_length(cell - piece.first_cell);
         let length = piece.arc_length(cell + 1 - piece.first_cell) - begins;
-        let count = cells_for(length, FINE_SPACING);
+        let count = covering(length, FINE_SPACING);
         let limit = |i: usize| begins + length * i as f64 / count as f64;
         let mut frame = start;
         let subcell = |i: usize| {

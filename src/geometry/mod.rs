@@ -8,6 +8,7 @@
 //! | [`spiral_opt`] | spirals under a curvature bound whose end may slide sideways, for lattice edges |
 //! | [`quintic`] | x and y as quintic polynomials: the alternative that the spirals are compared with |
 //! | [`quadrature`] | Gauss–Legendre rules |
+//! | [`steps`] | numbers of equal steps in a length, independent of rounding |
 //!
 //! # Frame and units
 //!
@@ -23,6 +24,7 @@ pub mod quadrature;
 pub mod quintic;
 pub mod spiral;
 pub mod spiral_opt;
+pub mod steps;
 
 /// A position in the plane, metres.
 pub type Point = nalgebra::Point2<f64>;

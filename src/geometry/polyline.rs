@@ -7,6 +7,7 @@
 //! Weak: heading jumps at the corners, and near an inner corner the projection of a moving point jumps. Where a
 //! continuous frame is needed, use [`crate::reference::ReferenceLine`].
 
+use super::steps::covering;
 use super::{Point, Vector, cross};
 
 /// A polyline of at least two points, without zero-length segments.
@@ -170,9 +171,8 @@ impl Polyline {
     /// Points at equal steps of at most `spacing` metres, both ends included.
     #[must_use]
     pub fn resampled(&self, spacing: f64) -> Vec<Point> {
-        let steps = (self.length() / spacing).ceil().max(1.0);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of samples
-        (0..=steps as usize).map(|i| self.at(self.length() * i as f64 / steps)).collect()
+        let steps = covering(self.length(), spacing);
+        (0..=steps).map(|i| self.at(self.length() * i as f64 / steps as f64)).collect()
     }
 }
 

@@ -5,6 +5,7 @@ use super::goal::GoalOnLane;
 use super::record::{BlockedCell, Cause, Rejection};
 use super::settings::Settings;
 use crate::collision::{Blocker, Margins, Predictions};
+use crate::geometry::steps::fitting;
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
 use crate::speed::bounds::{SpeedLimits, braking_speed_limits, make_reachable};
@@ -175,8 +176,7 @@ impl Situation<'_> {
         };
         let braking = 2.0 * self.braking;
         let stops_after = self.speed * self.speed / braking;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of checks
-        let checks = (stops_after.min(path.free_length) / STEP) as usize;
+        let checks = fitting(stops_after.min(path.free_length), STEP);
         // skip the first metre, which is the same for all paths
         (1..=checks).map(|i| i as f64 * STEP).any(|s| {
             let remaining = (self.speed * self.speed - braking * s).max(0.0).sqrt();

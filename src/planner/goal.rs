@@ -1,5 +1,6 @@
 //! The goal of a planning problem in the coordinates of a reference line.
 
+use crate::geometry::steps::fitting;
 use crate::map::{Goal, GoalPosition, RoadNetwork};
 use crate::reference::ReferenceLine;
 use crate::vehicle::Vehicle;
@@ -29,9 +30,7 @@ impl GoalOnLane {
         const STEP: f64 = 0.5;
         let position = goal.position.as_ref()?;
         let (mut near, mut far) = (None, 0.0);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
-        let samples = (line.length() / STEP) as usize;
-        for i in 0..=samples {
+        for i in 0..=fitting(line.length(), STEP) {
             let station = i as f64 * STEP;
             let centre = vehicle.centre_of_rear_axle(&line.at(station).pose);
             let inside = match position {

@@ -26,6 +26,7 @@
 
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
+use crate::geometry::steps::fitting;
 use crate::lattice::refine::Commitment;
 use crate::trajectory::{Path, Trajectory, TrajectoryPoint};
 
@@ -75,9 +76,7 @@ impl<'a> CommittedPlan<'a> {
     /// [`CommittedPlan::departure`].
     pub(super) fn commitment(&self, path: &Path, weight: f64) -> Commitment {
         let common = (self.plan.path.length() - self.station).min(path.length());
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of points
-        let points = (common / SPACING).max(0.0) as usize;
-        let compared = (1..=points).map(|i| SPACING * i as f64);
+        let compared = (1..=fitting(common, SPACING)).map(|i| SPACING * i as f64);
         let poses = compared.map(|ahead| (ahead, self.plan.path.at(self.station + ahead).pose)).collect();
         Commitment { poses, weight, max_distance: MAX_DEPARTURE }
     }

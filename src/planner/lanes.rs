@@ -1,6 +1,7 @@
 //! The lanes of the route, each with its reference line, goal and cached lattice edges.
 
 use super::goal::GoalOnLane;
+use crate::geometry::steps::fitting;
 use crate::geometry::{Point, Pose};
 use crate::lattice::EdgeStore;
 use crate::map::{Goal, LaneletId, PlanningProblem, RoadNetwork, Scenario};
@@ -127,8 +128,7 @@ impl Lane {
         let reference = ReferenceLine::new(network, lanelets, vehicle.width, &settings).ok()?;
         let goal = goals.iter().find_map(|g| GoalOnLane::find(g, network, &reference, vehicle));
         let is_current = option.side == Side::Current;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
-        let count = (reference.length() / 2.0) as usize;
+        let count = fitting(reference.length(), 2.0);
         Some(Self {
             samples: (0..=count).map(|i| reference.at(2.0 * i as f64).pose.position).collect(),
             no_stopping: kept_free(network, &reference),
@@ -168,9 +168,7 @@ fn kept_free(network: &RoadNetwork, line: &ReferenceLine) -> Vec<(f64, f64)> {
     /// Sampling of the line, m.
     const STEP: f64 = 1.0;
     let mut stretches: Vec<(f64, f64)> = Vec::new();
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a count of samples
-    let samples = (line.length() / STEP) as usize;
-    for i in 0..=samples {
+    for i in 0..=fitting(line.length(), STEP) {
         let station = i as f64 * STEP;
         let lanelet = line.lanelet_at(station).and_then(|id| network.lanelets.get(&id));
         if lanelet.is_some_and(|l| l.types.iter().any(|t| KEPT_FREE.contains(&t.as_str()))) {

@@ -40,6 +40,7 @@ use thiserror::Error;
 
 use crate::geometry::polyline::Polyline;
 use crate::geometry::spiral::PathPoint;
+use crate::geometry::steps::covering;
 use crate::geometry::{Point, Pose, Vector};
 use crate::map::{Lanelet, LaneletId, RoadNetwork};
 pub use crate::settings::SettingsError;
@@ -144,7 +145,7 @@ struct Section {
 /// Shortest chain, m.
 const MIN_LENGTH: f64 = 0.5;
 /// Minimum number of steps: third differences need several points.
-const MIN_STEPS: f64 = 5.0;
+const MIN_STEPS: usize = 5;
 /// Where lanelets overlap by less than this, points that step back are dropped, m.
 const STEP_BACK: f64 = 1.0;
 
@@ -306,12 +307,9 @@ fn joined(lanelets: &[&Lanelet], origin: Vector, line: impl Fn(&Lanelet) -> &Pol
 
 /// Points at equal steps of at most `spacing`, and the step, m.
 fn resampled(line: &Polyline, spacing: f64) -> (Vec<Point>, f64) {
-    /// Tolerance, in steps: a length that is a multiple of the spacing up to rounding gets no additional step.
-    const WHOLE: f64 = 1e-6;
-    let steps = (line.length() / spacing - WHOLE).ceil().max(MIN_STEPS);
-    let step = (line.length() / steps).max(MIN_LENGTH / MIN_STEPS);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of points
-    ((0..=steps as usize).map(|i| line.at(step * i as f64)).collect(), step)
+    let steps = covering(line.length(), spacing).max(MIN_STEPS);
+    let step = (line.length() / steps as f64).max(MIN_LENGTH / MIN_STEPS as f64);
+    ((0..=steps).map(|i| line.at(step * i as f64)).collect(), step)
 }
 
 /// The lane bounds, joined over the chain.

@@ -13,6 +13,7 @@
 //! covers the radius of curvature, sharper curves nearby, and a line that returns to itself.
 
 use super::{Frenet, Knot, ReferenceLine};
+use crate::geometry::steps::covering;
 use crate::geometry::{Point, Vector, cross};
 
 /// Search range of [`ReferenceLine::project_near`] to either side of its hint, m.
@@ -91,8 +92,7 @@ impl ReferenceLine {
     fn stations_within(&self, s: f64, reach: f64) -> impl Iterator<Item = f64> + '_ {
         let (from, to) = ((s - reach).max(-self.extension), (s + reach).min(self.length() + self.extension));
         let step = self.length() / (self.knots.len() - 1) as f64;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // some dozens of points
-        let beyond = (self.extension / step).ceil() as usize;
+        let beyond = covering(self.extension, step);
         let before = (1..=beyond).rev().map(move |i| -self.extension * i as f64 / beyond as f64);
         let after = (1..=beyond).map(move |i| self.length() + self.extension * i as f64 / beyond as f64);
         let all = before.chain(self.knots.iter().map(|k| k.station)).chain(after);

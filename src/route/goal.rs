@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::geometry::steps::covering;
 use crate::geometry::{Point, wrap_angle};
 use crate::map::{ConvexPart, Goal, GoalPosition, Interval, Lanelet, LaneletId, RoadNetwork, Shape};
 
@@ -66,9 +67,8 @@ fn crossing(network: &RoadNetwork, shape: &Shape, yaw: Option<&Interval>) -> Vec
     lanelets
         .filter_map(|lanelet| {
             let length = lanelet.centre.length();
-            let steps = (length / SPACING).ceil().max(1.0);
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count of samples
-            let stations = (0..=steps as usize).map(|i| length * i as f64 / steps);
+            let steps = covering(length, SPACING);
+            let stations = (0..=steps).map(|i| length * i as f64 / steps as f64);
             let inside = |s: &f64| shape.contains(lanelet.centre.at(*s)) && fits(lanelet, *s);
             let mut run = stations.skip_while(|s| !inside(s)).take_while(inside);
             let min = run.next()?;

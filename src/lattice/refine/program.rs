@@ -7,6 +7,7 @@ use super::chain::{Chain, Sample, basis, basis_slope, quarter_turn};
 use super::corridor::FreeWidth;
 use crate::convex::{QuadraticProgram, Term};
 use crate::geometry::quadrature::GAUSS_5;
+use crate::geometry::steps::fitting;
 use crate::geometry::{Pose, Vector};
 use crate::lattice::edges::{COST_SAMPLES, OFFSET_SATURATES};
 use crate::lattice::{LatticeContext, Weights};
@@ -350,6 +351,8 @@ impl Builder<'_> {
 
     /// Adds the cost of the largest lateral distance from the committed path, at the samples next to its points.
     fn add_anchors(&mut self, samples: &[Vec<Sample>]) {
+        /// A point at a joint up to rounding belongs to the piece before it, m.
+        const AT_JOINT: f64 = 1e-6;
         if self.fixed.anchors.is_empty() {
             return;
         }
@@ -359,13 +362,12 @@ impl Builder<'_> {
             let mut begins = 0.0;
             let piece = self.chain.lengths.iter().position(|length| {
                 begins += length;
-                anchor.distance <= begins
+                anchor.distance <= begins + AT_JOINT
             });
             let Some(i) = piece else { continue };
             let (length, count) = (self.chain.lengths[i], samples[i].len());
             let u = 1.0 - (begins - anchor.distance) / length;
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // clamped to a small count
-            let nearest = ((u * count as f64).round() as usize).clamp(1, count) - 1;
+            let nearest = fitting(u * count as f64 + 0.5, 1.0).clamp(1, count) - 1;
             let s = samples[i][nearest];
             // straight from the sample to the compared point, which is near
             let ahead = (u - s.u) * length;

@@ -266,6 +266,17 @@ fn a_translated_map_has_the_same_result() {
     assert!((here.terms.total() - there.terms.total()).abs() < 1e-6);
 }
 
+/// Edges along a straight lane are as long as their stations are apart, up to the rounding of the map's coordinates.
+#[test]
+fn the_samples_of_an_edge_between_grid_stations_do_not_depend_on_rounding() {
+    for (length, expected) in [(15.0, 12), (30.0, 24), (45.0, 36), (60.0, 48)] {
+        for rounding in [-1e-9, 0.0, 1e-9] {
+            assert_eq!(intervals(length + rounding), expected, "{length} m");
+        }
+    }
+    assert_eq!((intervals(0.5), intervals(15.01), intervals(29.9)), (6, 18, 24));
+}
+
 #[test]
 fn an_optimal_path_is_unchanged() {
     let scene = Scene::slalom().empty();
