@@ -34,25 +34,22 @@ impl Planner<'_> {
         start: &Start,
         lane: usize,
         level: LevelLimits,
-        paths: Vec<LatticePath>,
+        paths: &[LatticePath],
         best: &mut Option<Choice>,
         record: &mut CycleRecord,
     ) {
         let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
         let situation = self.situation(start, on, level);
         let free = situation.free_progress();
-        let mut remaining = paths.into_iter();
-        loop {
-            let group: Vec<LatticePath> = remaining.by_ref().take(rayon::current_num_threads()).collect();
+        for group in paths.chunks(rayon::current_num_threads()) {
             let limit = best.as_ref().map(|b| rank(b.cost));
             let evaluate = |path: &LatticePath| is_worth_it(path, limit).then(|| situation.evaluate(path));
-            let evaluations: Vec<_> = match group.as_slice() {
-                [] => return,
+            let evaluations: Vec<_> = match group {
                 [one] => vec![evaluate(one)],
                 several => several.par_iter().map(evaluate).collect(),
             };
-            for (path, evaluation) in group.into_iter().zip(evaluations) {
-                let evaluation = evaluation.filter(|_| is_worth_it(&path, best.as_ref().map(|b| rank(b.cost))));
+            for (path, evaluation) in group.iter().zip(evaluations) {
+                let evaluation = evaluation.filter(|_| is_worth_it(path, best.as_ref().map(|b| rank(b.cost))));
                 let mut note = Candidate {
                     path: path.path.clone(),
                     lane,
@@ -75,7 +72,7 @@ impl Planner<'_> {
                         note.cost = note.terms.total();
                         let candidate = record.trace.candidates.len();
                         let (deceleration, cost) = (level.deceleration, note.cost);
-                        let tube = Tube::UNKNOWN;
+                        let (path, tube) = (path.clone(), Tube::UNKNOWN);
                         let pair =
                             Choice { lane, candidate, path, proven, tube, deceleration, cost, is_refined: false };
                         match self.accepted(start, &level, best.as_ref(), pair) {

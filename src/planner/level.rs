@@ -86,6 +86,11 @@ pub(super) struct LevelLimits {
 }
 
 impl LevelLimits {
+    /// Whether the lattice has the same paths on this level as on another one.
+    pub(super) fn has_paths_of(&self, other: &Self) -> bool {
+        self.margins == other.margins && self.lateral_limit == other.lateral_limit
+    }
+
     /// Station up to which moving obstacles are resolved finely from a start speed (m/s), m; 0 if they are not.
     pub(super) fn fine_until(&self, speed: f64) -> f64 {
         if self.is_fine { fine_until(speed) } else { 0.0 }

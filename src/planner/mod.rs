@@ -229,10 +229,7 @@ impl<'m> Planner<'m> {
         let mut record = CycleRecord::default();
         // a contact during the lead can be proven away by no plan
         let levels = if start.lead_contact.is_some() { Vec::new() } else { self.levels() };
-        let choice = levels.iter().enumerate().find_map(|(attempt, level)| {
-            record.attempt = attempt;
-            Some((*level, self.choose(&start, *level, &mut record)?))
-        });
+        let choice = self.choose(&start, &levels, &mut record);
         let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
         let mut contact = None;
         let decision = match worth {
@@ -342,18 +339,35 @@ impl<'m> Planner<'m> {
         Start { lead, point, lead_contact, on_plan: false }
     }
 
-    /// The cheapest pair of path and speed with a proven stop on this level.
-    fn choose(&mut self, start: &Start, level: LevelLimits, record: &mut CycleRecord) -> Option<Choice> {
-        let mut best: Option<Choice> = None;
-        for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
+    /// The pair of path and speed with a proven stop on the gentlest of these levels, of those the cheapest. The lattice is searched
+    /// once for all levels with the same paths.
+    fn choose(
+        &mut self,
+        start: &Start,
+        levels: &[LevelLimits],
+        record: &mut CycleRecord,
+    ) -> Option<(LevelLimits, Choice)> {
+        for group in levels.chunk_by(LevelLimits::has_paths_of) {
             let begun = Instant::now();
-            let paths = self.lattice_paths(start, lane, level, &mut record.trace.edges);
+            let lanes = 0..self.lanes.as_ref().map_or(0, Vec::len);
+            let paths: Vec<_> =
+                lanes.map(|lane| self.lattice_paths(start, lane, group[0], &mut record.trace.edges)).collect();
             record.trace.stage_seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
-            self.evaluate_all(start, lane, level, paths, &mut best, record);
+            let gentlest = group.iter().find_map(|level| {
+                let mut best = None;
+                for (lane, paths) in paths.iter().enumerate() {
+                    self.evaluate_all(start, lane, *level, paths, &mut best, record);
+                }
+                record.attempt += 1;
+                Some((*level, best?))
+            });
             record.trace.stage_seconds.speed += begun.elapsed().as_secs_f64();
+            if gentlest.is_some() {
+                return gentlest;
+            }
         }
-        best
+        None
     }
 
     /// Lattice paths on a lane, from the start and from the end of the committed edge, including the cost terms that depend
@@ -637,14 +651,14 @@ fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option
 #[derive(Default)]
 struct CycleRecord {
     trace: Trace,
-    /// Index of the present attempt.
+    /// Number of levels tried so far.
     attempt: usize,
 }
 
 impl CycleRecord {
     /// What stands in the way of the cheapest candidate of the last attempt.
     fn in_the_way(&self) -> Option<Cause> {
-        let last = self.trace.candidates.iter().filter(|c| c.attempt == self.attempt);
+        let last = self.trace.candidates.iter().filter(|c| c.attempt + 1 == self.attempt);
         last.min_by(|a, b| a.cost.total_cmp(&b.cost)).and_then(|c| c.blocked_by)
     }
 

@@ -48,14 +48,11 @@ impl Planner<'_> {
         let levels = self.emergency_levels(&self.unreserved, NO_MARGINS);
         let unproven = |level: LevelLimits| LevelLimits { level: Level::Unproven, ..level };
         let levels: Vec<LevelLimits> = levels.into_iter().map(unproven).collect();
-        for level in &levels {
-            record.attempt += 1;
-            if let Some(choice) = self.choose(start, *level, record) {
-                record.trace.chosen = Some(choice.candidate);
-                let profile = choice.proven.raw_profile.clone();
-                let committed = self.committed_of(start, *level, choice, profile, Smoothing::EmergencyStop);
-                return (committed, start.lead_contact);
-            }
+        if let Some((level, choice)) = self.choose(start, &levels, record) {
+            record.trace.chosen = Some(choice.candidate);
+            let profile = choice.proven.raw_profile.clone();
+            let committed = self.committed_of(start, level, choice, profile, Smoothing::EmergencyStop);
+            return (committed, start.lead_contact);
         }
         let deceleration = self.unreserved.deceleration().max(LEAST_BRAKING);
         let mut best = self.braking_on_arc(start, deceleration);
