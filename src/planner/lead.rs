@@ -84,6 +84,16 @@ impl Lead {
         self.knots[self.knots.len() - 1].station
     }
 
+    /// Time of the cycle, s of the run.
+    pub(super) fn begins(&self) -> f64 {
+        self.begins
+    }
+
+    /// The pose at that time.
+    pub(super) fn start(&self) -> &Pose {
+        &self.start
+    }
+
     /// Its largest deceleration, m/s².
     pub(super) fn deceleration(&self) -> f64 {
         self.knots.iter().map(|k| -k.acceleration).fold(0.0, f64::max)

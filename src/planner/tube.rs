@@ -117,6 +117,11 @@ impl Planner<'_> {
         Tube::with(&self.described, &GripUse::default())
     }
 
+    /// The tube of everything in its domain.
+    pub(super) fn widest_tube(&self) -> Tube {
+        Tube::with(&self.described, &GripUse { total: 1.0, turning: 1.0, curvature: 0.0 })
+    }
+
     /// The tube of a plan on a level, if the vehicle can be relied on to stay inside, and if nothing else is there.
     pub(super) fn tube_of(
         &self,

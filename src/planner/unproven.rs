@@ -2,10 +2,11 @@
 //!
 //! 1. The emergency levels are tried once more with everything that vehicle and road give, without the reserve that proofs
 //!    leave to the tracking controller. A plan that is found this way touches nothing if the controller needs no reserve.
-//! 2. Otherwise every path of the hardest such level is driven with full braking, and the one with the latest first contact
+//! 2. Otherwise the committed plan goes on if its rest still touches nothing.
+//! 3. Otherwise every path of the hardest such level is driven with full braking, and the one with the latest first contact
 //!    wins; of those, the one with the lowest speed at contact. The arc along the present steering angle is one of them.
 //!
-//! Such a plan claims nothing. It starts from the measured state, because the reference of a plan without a proof may be beyond
+//! Such a plan claims nothing. A new one starts from the measured state, because the reference of a plan without a proof may be beyond
 //! what the vehicle can follow.
 //!
 //! Weak: the severity of a contact is its speed alone; a contact with a pedestrian counts as one with a wall.
@@ -54,6 +55,9 @@ impl Planner<'_> {
             let committed = self.committed_of(start, level, choice, profile, Smoothing::EmergencyStop);
             return (committed, start.lead_contact);
         }
+        if let Some(evading) = self.still_evading(start) {
+            return (evading, None);
+        }
         let deceleration = self.unreserved.deceleration().max(LEAST_BRAKING);
         let mut best = self.braking_on_arc(start, deceleration);
         if let Some(hardest) = levels.last() {
@@ -77,6 +81,31 @@ impl Planner<'_> {
             stops_for: None,
         };
         (committed, best.contact)
+    }
+
+    /// The committed plan, if its rest still touches nothing and the vehicle is near it.
+    fn still_evading(&self, start: &Start) -> Option<Committed> {
+        let committed = self.committed.as_ref().filter(|c| !c.sweeps.is_empty())?;
+        let (trajectory, now) = (&committed.trajectory, start.lead.begins());
+        let is_near = self.widest_tube().contains(&trajectory.at(now).pose, start.lead.start());
+        let is_free = || {
+            self.is_free_of_statics(trajectory, &NO_MARGINS, now)
+                && self.is_free_of_traffic(
+                    trajectory,
+                    (&committed.sweeps(), committed.fine_until),
+                    &NO_MARGINS,
+                    false,
+                    now,
+                )
+        };
+        (is_near && is_free()).then(|| Committed {
+            level: Level::Unproven,
+            tube: Tube::UNKNOWN,
+            margins: NO_MARGINS,
+            robust: false,
+            smoothing: Smoothing::EmergencyStop,
+            ..committed.clone()
+        })
     }
 
     /// Replaces `best` by full braking along a lattice path with a later or slower first contact.
