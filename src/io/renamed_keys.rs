@@ -1,6 +1,6 @@
-//! Settings keys that have a new name. A file with an old key is refused with the new one.
+//! Settings keys that have a new name or are gone. A file with an old key is refused with the new one, or with what replaced it.
 //!
-//! To rename a key, add a row to [`RENAMED`]. A test checks that the new key exists and that the old one does not.
+//! To rename a key, add a row to [`RENAMED`]; to remove one, to [`REMOVED`]. A test checks that new keys exist and old ones do not.
 
 use toml::de::{DeTable, DeValue};
 
@@ -27,15 +27,22 @@ const RENAMED: &[(&str, &str)] = &[
     ("run.rest", "run.standstill_time"),
 ];
 
+/// Dotted keys that are gone, and what replaced them.
+const REMOVED: &[(&str, &str)] = &[
+    ("planner.restart_lateral", "the tracking tube of the vehicle: [tracking] in its dynamics.toml"),
+    ("planner.restart_longitudinal", "the tracking tube of the vehicle: [tracking] in its dynamics.toml"),
+];
+
 /// Tables of a suite that contain settings: `drive.settings.planner`, `drive.matrix."planner.horizon"`.
 const SETTINGS_TABLES: [&str; 2] = ["settings.", "matrix."];
 
-/// The message for an old key: "`old` is now `new`". `path` is the dotted key in the file; `None` if it is not an old
+/// The message for an old key: "`old` is now `new`", or what replaced it. `path` is the dotted key in the file; `None` if it is not an old
 /// key.
 pub(super) fn message(path: &str) -> Option<String> {
     let key = SETTINGS_TABLES.iter().find_map(|table| path.split_once(table)).map_or(path, |(_, key)| key);
-    let (old, new) = RENAMED.iter().find(|(old, _)| *old == key)?;
-    Some(format!("`{old}` is now `{new}`"))
+    let find = |keys: &[(&'static str, &'static str)]| keys.iter().find(|(old, _)| *old == key).copied();
+    let renamed = find(RENAMED).map(|(old, new)| format!("`{old}` is now `{new}`"));
+    renamed.or_else(|| find(REMOVED).map(|(old, by)| format!("`{old}` is no setting any more; it follows from {by}")))
 }
 
 /// The messages for all old keys of a file, each with its line, in order of the lines.
@@ -84,6 +91,10 @@ mod tests {
         for (old, new) in RENAMED {
             assert!(exists(new), "{new}");
             assert!(!exists(old), "{old}");
+        }
+        for (old, _) in REMOVED {
+            assert!(!exists(old), "{old}");
+            assert!(message(old).is_some_and(|m| m.contains("follows from")), "{old}");
         }
         assert!(RENAMED.is_sorted_by(|a, b| a.0 < b.0), "rows in order, each old key once");
     }

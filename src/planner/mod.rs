@@ -3,7 +3,7 @@
 //! # A cycle
 //!
 //! 1. It starts from the committed trajectory, so that the setpoints stay continuous, where the vehicle will be when the brakes
-//!    can respond (`lead`). After a large tracking error it starts from the measured state instead.
+//!    can respond (`lead`). A vehicle outside of the tracking tube of its plan (`tube`) starts from its measured state instead.
 //! 2. It builds lattice paths on every lane that leads to the goal.
 //! 3. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
 //!    stop is proven**.
@@ -15,7 +15,8 @@
 //! # Levels
 //!
 //! The limits of a plan and its proof depend on the level ([`Level`]). The planner tries the levels in order: with margins and
-//! the aggressive deceleration, without margins, with harder braking. Each plan records its level and deceleration. If the
+//! the aggressive deceleration, with the tracking tube alone, with harder braking. The lattice is searched once for all levels with the
+//! same paths. Each plan records its level and deceleration. If the
 //! settings ask for it, the planner tries robust proofs first (`traffic`). Without a proof on any level, the vehicle evades and
 //! brakes (`unproven`).
 //!
