@@ -81,6 +81,13 @@ struct Piece {
     jumps: bool,
 }
 
+impl Piece {
+    /// Share of its length at a station (m), clamped to its ends.
+    fn share(&self, station: f64) -> f64 {
+        ((station - self.station) / self.length).clamp(0.0, 1.0)
+    }
+}
+
 /// Bounds on a part of the path.
 #[derive(Default)]
 struct Bend {
@@ -168,7 +175,12 @@ impl<'a> Check<'a> {
 
     /// The use of the grip at a time (s) after a knot.
     fn at(&self, knot: &SpeedKnot, time: f64) -> GripUse {
-        self.within(knot, time, time).used
+        let k = knot.after(time);
+        let piece = &self.pieces[self.piece_at(k.station)];
+        let u = piece.share(k.station);
+        let (curvature, curvature_rate) = (piece.curvature.value(u), piece.curvature.derivative(u) / piece.length);
+        let motion = PathMotion { speed: k.speed, acceleration: k.acceleration, curvature, curvature_rate };
+        motion.grip_use(self.vehicle, self.friction)
     }
 
     /// Bounds from one time to another one (s) after a knot.
@@ -184,31 +196,39 @@ impl<'a> Check<'a> {
             let motion = PathMotion { speed, acceleration, curvature: bend.most, curvature_rate: bend.rate };
             motion.axles(self.vehicle, self.friction)
         };
-        let ends = axles(first.acceleration).into_iter().zip(axles(last.acceleration));
-        let used = ends.map(|(a, b)| a.max(b).used(bend.most)).fold(GripUse::default(), GripUse::max);
+        let begins = axles(first.acceleration);
+        let ends = if knot.jerk == 0.0 { begins } else { axles(last.acceleration) };
+        let used = begins.into_iter().zip(ends).map(|(a, b)| a.max(b).used(bend.most));
+        let used = used.fold(GripUse::default(), GripUse::max);
         let least = self.vehicle.wheelbase * bend.least;
         let steering_rate = self.vehicle.wheelbase * bend.rate * speed / (1.0 + least * least);
         Bound { speed, curvature: bend.most, steering_rate, used }
     }
 
+    /// Index of the spiral at a station, m.
+    fn piece_at(&self, station: f64) -> usize {
+        self.pieces.partition_point(|p| p.station <= station).max(1) - 1
+    }
+
     /// Bounds from one station to another one, m.
     fn bend(&self, from: f64, to: f64) -> Bend {
-        let first = self.pieces.partition_point(|p| p.station <= from).max(1) - 1;
+        let first = self.piece_at(from);
         let touched = self.pieces[first..].iter().enumerate().take_while(|(i, p)| *i == 0 || p.station <= to);
         let mut bend = Bend { least: f64::INFINITY, ..Bend::default() };
         for (i, piece) in touched {
-            let u = |station: f64| ((station - piece.station) / piece.length).clamp(0.0, 1.0);
-            let (a, b) = (u(from), u(to));
+            let (a, b) = (piece.share(from), piece.share(to));
             let arc = (b - a) * (b - a) / 8.0;
             let curvature = &piece.curvature;
             let (k, l) = (curvature.value(a), curvature.value(b));
-            let second = |u| curvature.derivative_of_order(2, u).abs();
+            // second and third derivative of the cubic
+            let [.., c2, c3] = curvature.0;
+            let second = |u: f64| (2.0 * c2 + 6.0 * c3 * u).abs();
             let bulge = arc * second(a).max(second(b));
             bend.most = bend.most.max(k.abs().max(l.abs()) + bulge);
             let least = if k * l <= 0.0 { 0.0 } else { k.abs().min(l.abs()) - bulge };
             bend.least = bend.least.min(least.max(0.0));
             let rate = curvature.derivative(a).abs().max(curvature.derivative(b).abs());
-            let rate = rate + arc * curvature.derivative_of_order(3, a).abs();
+            let rate = rate + arc * (6.0 * c3).abs();
             bend.rate = bend.rate.max(rate / piece.length);
             if piece.jumps && i > 0 {
                 bend.rate = f64::INFINITY;
