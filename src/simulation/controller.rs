@@ -384,6 +384,33 @@ mod tests {
         }
     }
 
+    /// The work of the force is the change of the kinetic energy of rigid body and wheels.
+    #[test]
+    fn the_force_does_the_work_that_a_bend_needs() {
+        let path = winding();
+        for name in crate::vehicle::builtin_names() {
+            let v = crate::vehicle::load(name).unwrap();
+            let yaw = v.rear_axle_to_mass * v.rear_axle_to_mass + v.yaw_inertia / v.mass;
+            let spin = 4.0 * v.wheel_inertia / (v.mass * v.wheel_radius * v.wheel_radius);
+            let energy = |station: f64, speed: f64| {
+                let curvature = path.at(station).curvature;
+                0.5 * speed * speed * (1.0 + spin + yaw * curvature * curvature)
+            };
+            let step = 1e-5;
+            for (station, speed, acceleration, front) in
+                [(3.0, 4.0, 0.0, 0.0), (12.0, 2.0, -2.0, 0.6), (27.0, 6.0, -1.0, 1.0), (50.0, 3.0, 1.0, 0.3)]
+            {
+                // along the path, v² changes by 2 a per metre
+                let at = |ds: f64| energy(station + ds, (speed * speed + 2.0 * acceleration * ds).sqrt());
+                let work = (at(step) - at(-step)) / (2.0 * step);
+                let faster = (v.wheelbase * path.at(station).curvature).hypot(1.0);
+                let distance = front * faster + 1.0 - front;
+                let found = force(&v, &path, station, speed, acceleration, front) * distance;
+                assert!((found - work).abs() < 1e-6, "{name} {station} m: {found} {work}");
+            }
+        }
+    }
+
     #[test]
     fn demands_stay_within_the_grip_of_the_road_as_believed() {
         let v = crate::vehicle::load("bmw_320i").unwrap();

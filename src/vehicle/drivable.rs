@@ -2,19 +2,22 @@
 //!
 //! The check bounds the motion between two instants instead of sampling it, so that no extremum is missed: the speed from the
 //! constant jerk, curvature and its derivative from the cubic polynomial, each use of the grip at the ends of the acceleration,
-//! in which it is monotone. An interval of 0.1 s or less is accepted if its bound is inside the domain and at most
+//! in which it is monotone. An interval of [`LONGEST`] or less is accepted if its bound is inside the domain and at most
 //! [`TOLERANCE`] above the largest use at an instant; any other interval is halved, down to [`SHORTEST`]. The result is
 //! therefore never below the true use.
 //!
 //! Weak where: within the shortest interval the bound combines the largest speed with the largest curvature. It exceeds the
 //! true use by up to a few hundredths, and a trajectory this close to a limit is refused.
 
+use super::tube::GripModel;
 use super::{GripUse, PathMotion, TrackingTube, Vehicle};
 use crate::geometry::spiral::Polynomial;
 use crate::trajectory::{SpeedKnot, Trajectory};
 
 /// Longest interval that is bounded as a whole, s.
-const LONGEST: f64 = 0.1;
+const LONGEST: f64 = 0.2;
+/// Most intervals of a stretch of constant jerk before any is halved.
+const MOST: f64 = 1e4;
 /// Interval that is not halved further, s.
 const SHORTEST: f64 = 0.0125;
 /// Excess of a bound over the largest use at an instant that is accepted.
@@ -75,20 +78,76 @@ impl Vehicle {
 /// A spiral of the path.
 struct Piece {
     station: f64,
-    length: f64,
+    /// 1/length, 1/m.
+    per_length: f64,
     curvature: Polynomial<4>,
     /// Whether the curvature jumps at its start.
     jumps: bool,
 }
 
+impl Piece {
+    /// The curvature at a share of the length.
+    #[inline]
+    fn at(&self, share: f64) -> Place {
+        let [_, c1, c2, c3] = self.curvature.0;
+        let (second, third) = (2.0 * c2, 6.0 * c3);
+        Place {
+            share,
+            curvature: self.curvature.value(share),
+            slope: c1 + share * (second + share * 0.5 * third),
+            second: second + share * third,
+        }
+    }
+}
+
+/// A place on a spiral.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Share of the spiral's length.
+    share: f64,
+    /// 1/m.
+    curvature: f64,
+    /// Derivatives of the curvature by the share, 1/m.
+    slope: f64,
+    second: f64,
+}
+
+/// The motion at an instant.
+#[derive(Clone, Copy)]
+struct Instant {
+    /// Index of the last knot of the profile, and the time since, s.
+    knot: usize,
+    time: f64,
+    speed: f64,
+    acceleration: f64,
+    /// Index of the spiral.
+    piece: usize,
+    place: Place,
+}
+
 /// Bounds on a part of the path.
-#[derive(Default)]
 struct Bend {
     /// Largest and smallest |curvature|, 1/m.
     most: f64,
     least: f64,
     /// Largest |derivative of the curvature|, 1/m².
     rate: f64,
+}
+
+impl Bend {
+    /// Includes the part of a spiral between two places.
+    #[inline]
+    fn include(&mut self, piece: &Piece, from: &Place, to: &Place) {
+        let part = to.share - from.share;
+        let arc = part * part / 8.0;
+        let bulge = arc * from.second.abs().max(to.second.abs());
+        let (k, l) = (from.curvature, to.curvature);
+        self.most = self.most.max(k.abs().max(l.abs()) + bulge);
+        let least = if k * l <= 0.0 { 0.0 } else { (k.abs().min(l.abs()) - bulge).max(0.0) };
+        self.least = self.least.min(least);
+        let rate = from.slope.abs().max(to.slope.abs()) + arc * (6.0 * piece.curvature.0[3]).abs();
+        self.rate = self.rate.max(rate * piece.per_length);
+    }
 }
 
 /// Bounds within an interval of time.
@@ -101,53 +160,55 @@ struct Bound {
 
 struct Check<'a> {
     vehicle: &'a Vehicle,
-    friction: f64,
+    grip: GripModel,
+    largest_curvature: f64,
     trajectory: &'a Trajectory,
     pieces: Vec<Piece>,
 }
 
 impl<'a> Check<'a> {
     fn new(vehicle: &'a Vehicle, friction: f64, trajectory: &'a Trajectory) -> Self {
-        let mut pieces: Vec<Piece> = Vec::new();
-        for (station, _, spiral) in trajectory.path.pieces() {
-            let before = pieces.last().map_or(spiral.knots[0], |p| p.curvature.value(1.0));
-            let jumps = (before - spiral.knots[0]).abs() > JUMP;
-            pieces.push(Piece { station, length: spiral.length, curvature: spiral.curvature_polynomial(), jumps });
+        let mut before = None;
+        let pieces = trajectory.path.pieces().map(|(station, _, spiral)| {
+            let [first, .., last] = spiral.knots;
+            let jumps = (before.unwrap_or(first) - first).abs() > JUMP;
+            before = Some(last);
+            Piece { station, per_length: 1.0 / spiral.length, curvature: spiral.curvature_polynomial(), jumps }
+        });
+        Self {
+            vehicle,
+            grip: GripModel::new(vehicle, friction),
+            largest_curvature: TrackingTube::CURVATURE_SHARE * vehicle.max_curvature(),
+            trajectory,
+            pieces: pieces.collect(),
         }
-        Self { vehicle, friction, trajectory, pieces }
     }
 
     fn run(&self) -> Result<GripUse, NotDrivable> {
-        let knots = self.trajectory.profile.knots();
         self.is_finite()?;
-        // equal parts of each stretch of constant jerk
-        let parts = |i: usize| {
-            let duration = knots[i + 1].time - knots[i].time;
-            let count = (duration / LONGEST).ceil().max(1.0);
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count
-            (0..count as usize).map(move |n| (n as f64 * duration / count, (n + 1) as f64 * duration / count))
-        };
-        let stretches = || (0..knots.len() - 1).flat_map(|i| parts(i).map(move |(from, to)| (i, from, to)));
-        let mut seen = stretches().fold(GripUse::default(), |seen, (i, from, _)| seen.max(self.at(&knots[i], from)));
+        let instants = self.instants();
+        let mut seen = instants.iter().fold(GripUse::default(), |seen, i| seen.max(self.used_at(i)));
         let mut found = seen;
         let mut open = Vec::new();
-        for (i, from, to) in stretches() {
-            open.push((from, to));
+        // between two stretches of constant jerk, no time passes; but the next spiral may begin there
+        let is_interval = |pair: &&[Instant]| pair[0].knot == pair[1].knot || pair[0].piece != pair[1].piece;
+        for pair in instants.windows(2).filter(is_interval) {
+            open.push((pair[0], pair[1]));
             while let Some((from, to)) = open.pop() {
-                let bound = self.within(&knots[i], from, to);
-                let excess = self.excess(&bound);
+                let bound = self.within(&from, &to);
+                let is_inside = self.is_inside(&bound);
                 let close =
                     bound.used.total <= seen.total + TOLERANCE && bound.used.turning <= seen.turning + TOLERANCE;
-                if to - from <= SHORTEST || (excess.is_none() && close) {
-                    if let Some((what, value, limit)) = excess {
-                        let time = self.trajectory.start_time + knots[i].time + from;
-                        return Err(NotDrivable { time, what, value, limit });
-                    }
+                if is_inside && close {
+                    found = found.max(bound.used);
+                } else if to.time - from.time > SHORTEST {
+                    let middle = self.instant(from.knot, f64::midpoint(from.time, to.time), from.piece);
+                    seen = seen.max(self.used_at(&middle));
+                    open.extend([(middle, to), (from, middle)]);
+                } else if is_inside {
                     found = found.max(bound.used);
                 } else {
-                    let middle = f64::midpoint(from, to);
-                    seen = seen.max(self.at(&knots[i], middle));
-                    open.extend([(middle, to), (from, middle)]);
+                    return Err(self.left(&from, &bound));
                 }
             }
         }
@@ -162,71 +223,115 @@ impl<'a> Check<'a> {
                 return Err(refused(DrivingLimit::Speed));
             }
         }
-        let is_finite = |p: &Piece| (p.length + p.curvature.0.iter().sum::<f64>()).is_finite();
+        let is_finite = |p: &Piece| (p.per_length + p.curvature.0.iter().sum::<f64>()).is_finite();
         if self.pieces.iter().all(is_finite) { Ok(()) } else { Err(refused(DrivingLimit::Curvature)) }
     }
 
-    /// The use of the grip at a time (s) after a knot.
-    fn at(&self, knot: &SpeedKnot, time: f64) -> GripUse {
-        self.within(knot, time, time).used
+    /// Both ends of each stretch of constant jerk, and instants between them at equal steps.
+    fn instants(&self) -> Vec<Instant> {
+        let knots = self.trajectory.profile.knots();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // a positive count
+        let steps = |i: usize| ((knots[i + 1].time - knots[i].time) / LONGEST).ceil().clamp(1.0, MOST) as usize;
+        let count = (0..knots.len() - 1).map(|i| steps(i) + 1).sum();
+        let (mut instants, mut piece) = (Vec::with_capacity(count), 0);
+        for i in 0..knots.len() - 1 {
+            let count = steps(i);
+            let step = (knots[i + 1].time - knots[i].time) / count as f64;
+            for n in 0..=count {
+                let instant = self.instant(i, n as f64 * step, piece);
+                piece = instant.piece;
+                instants.push(instant);
+            }
+        }
+        instants
     }
 
-    /// Bounds from one time to another one (s) after a knot.
-    fn within(&self, knot: &SpeedKnot, from: f64, to: f64) -> Bound {
-        let (first, last) = (knot.after(from), knot.after(to));
-        let mut speed = first.speed.max(last.speed);
-        if first.acceleration > 0.0 && last.acceleration < 0.0 {
-            // the speed at which the acceleration changes its sign
-            speed = first.speed - 0.5 * first.acceleration * first.acceleration / knot.jerk;
+    /// The motion at a time (s) after a knot; near this spiral.
+    #[inline]
+    fn instant(&self, knot: usize, time: f64, mut piece: usize) -> Instant {
+        let SpeedKnot { station, speed, acceleration, .. } = self.trajectory.profile.knots()[knot].after(time);
+        while piece + 1 < self.pieces.len() && self.pieces[piece + 1].station <= station {
+            piece += 1;
         }
-        let bend = self.bend(first.station, last.station);
+        while piece > 0 && self.pieces[piece].station > station {
+            piece -= 1;
+        }
+        let spiral = &self.pieces[piece];
+        let place = spiral.at(((station - spiral.station) * spiral.per_length).clamp(0.0, 1.0));
+        Instant { knot, time, speed, acceleration, piece, place }
+    }
+
+    /// The use of the grip at an instant.
+    #[inline]
+    fn used_at(&self, instant: &Instant) -> GripUse {
+        let Instant { speed, acceleration, piece, place, .. } = *instant;
+        let curvature_rate = place.slope * self.pieces[piece].per_length;
+        let motion = PathMotion { speed, acceleration, curvature: place.curvature, curvature_rate };
+        self.grip.axles(&motion).used(place.curvature)
+    }
+
+    /// Bounds between two instants after the same knot.
+    #[inline]
+    fn within(&self, from: &Instant, to: &Instant) -> Bound {
+        let mut speed = from.speed.max(to.speed);
+        if from.knot == to.knot && from.acceleration > 0.0 && to.acceleration < 0.0 {
+            // the speed at which the acceleration changes its sign
+            let jerk = self.trajectory.profile.knots()[from.knot].jerk;
+            speed = from.speed - 0.5 * from.acceleration * from.acceleration / jerk;
+        }
+        let bend = self.bend(from, to);
         let axles = |acceleration| {
-            let motion = PathMotion { speed, acceleration, curvature: bend.most, curvature_rate: bend.rate };
-            motion.axles(self.vehicle, self.friction)
+            self.grip.axles(&PathMotion { speed, acceleration, curvature: bend.most, curvature_rate: bend.rate })
         };
-        let ends = axles(first.acceleration).into_iter().zip(axles(last.acceleration));
-        let used = ends.map(|(a, b)| a.max(b).used(bend.most)).fold(GripUse::default(), GripUse::max);
+        let mut axle_uses = axles(from.acceleration);
+        if to.acceleration != from.acceleration {
+            axle_uses = axle_uses.max(axles(to.acceleration));
+        }
         let least = self.vehicle.wheelbase * bend.least;
         let steering_rate = self.vehicle.wheelbase * bend.rate * speed / (1.0 + least * least);
-        Bound { speed, curvature: bend.most, steering_rate, used }
+        Bound { speed, curvature: bend.most, steering_rate, used: axle_uses.used(bend.most) }
     }
 
-    /// Bounds from one station to another one, m.
-    fn bend(&self, from: f64, to: f64) -> Bend {
-        let first = self.pieces.partition_point(|p| p.station <= from).max(1) - 1;
-        let touched = self.pieces[first..].iter().enumerate().take_while(|(i, p)| *i == 0 || p.station <= to);
-        let mut bend = Bend { least: f64::INFINITY, ..Bend::default() };
-        for (i, piece) in touched {
-            let u = |station: f64| ((station - piece.station) / piece.length).clamp(0.0, 1.0);
-            let (a, b) = (u(from), u(to));
-            let arc = (b - a) * (b - a) / 8.0;
-            let curvature = &piece.curvature;
-            let (k, l) = (curvature.value(a), curvature.value(b));
-            let second = |u| curvature.derivative_of_order(2, u).abs();
-            let bulge = arc * second(a).max(second(b));
-            bend.most = bend.most.max(k.abs().max(l.abs()) + bulge);
-            let least = if k * l <= 0.0 { 0.0 } else { k.abs().min(l.abs()) - bulge };
-            bend.least = bend.least.min(least.max(0.0));
-            let rate = curvature.derivative(a).abs().max(curvature.derivative(b).abs());
-            let rate = rate + arc * curvature.derivative_of_order(3, a).abs();
-            bend.rate = bend.rate.max(rate / piece.length);
-            if piece.jumps && i > 0 {
+    /// Bounds on the path between two instants.
+    #[inline]
+    fn bend(&self, from: &Instant, to: &Instant) -> Bend {
+        let mut bend = Bend { most: 0.0, least: f64::INFINITY, rate: 0.0 };
+        let mut start = from.place;
+        for i in from.piece..to.piece {
+            let (piece, next) = (&self.pieces[i], &self.pieces[i + 1]);
+            bend.include(piece, &start, &piece.at(1.0));
+            start = next.at(0.0);
+            if next.jumps {
                 bend.rate = f64::INFINITY;
             }
         }
+        bend.include(&self.pieces[to.piece], &start, &to.place);
         bend
     }
 
-    /// The limit that bounds exceed, with value and limit.
-    fn excess(&self, bound: &Bound) -> Option<(DrivingLimit, f64, f64)> {
-        let (vehicle, tube) = (self.vehicle, &self.vehicle.tracking);
-        let most = [
-            (DrivingLimit::Curvature, bound.curvature, TrackingTube::CURVATURE_SHARE * vehicle.max_curvature()),
-            (DrivingLimit::SteeringRate, bound.steering_rate, vehicle.limits.steering_rate),
+    /// The limits with their bounds.
+    #[inline]
+    fn limits(&self, bound: &Bound) -> [(DrivingLimit, f64, f64); 4] {
+        [
+            (DrivingLimit::Curvature, bound.curvature, self.largest_curvature),
+            (DrivingLimit::SteeringRate, bound.steering_rate, self.vehicle.limits.steering_rate),
             (DrivingLimit::Grip, bound.used.total, 1.0),
-            (DrivingLimit::Speed, bound.speed, tube.largest_speed(&bound.used)),
-        ];
-        most.into_iter().find(|(_, value, limit)| value > limit || value.is_nan())
+            (DrivingLimit::Speed, bound.speed, self.vehicle.tracking.largest_speed(&bound.used)),
+        ]
+    }
+
+    /// Whether all bounds are within their limits; numbers that are not finite are not.
+    #[inline]
+    fn is_inside(&self, bound: &Bound) -> bool {
+        self.limits(bound).iter().all(|(_, value, limit)| value <= limit)
+    }
+
+    /// The first limit that the bounds after an instant exceed.
+    fn left(&self, from: &Instant, bound: &Bound) -> NotDrivable {
+        let time = self.trajectory.start_time + self.trajectory.profile.knots()[from.knot].time + from.time;
+        let exceeded = self.limits(bound).into_iter().find(|(_, value, limit)| value > limit || value.is_nan());
+        let (what, value, limit) = exceeded.unwrap_or((DrivingLimit::Grip, bound.used.total, 1.0));
+        NotDrivable { time, what, value, limit }
     }
 }
 

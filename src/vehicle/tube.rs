@@ -125,7 +125,7 @@ impl TrackingTube {
         Self {
             speed: [speed, 0.5 * speed],
             lateral: [0.1, distance.max(0.3)],
-            longitudinal: [0.2, distance.max(0.4)],
+            longitudinal: [0.1, distance.max(0.4)],
             heading: [0.1, 3.0 * slip],
         }
     }
@@ -183,49 +183,115 @@ impl PathMotion {
     /// as anti-lock tends to distribute it near the limit; drive force, which overcomes the resistance too, is at the driven axle.
     #[must_use]
     pub fn grip_use(&self, vehicle: &Vehicle, friction: f64) -> GripUse {
-        let [front, rear] = self.axles(vehicle, friction);
-        front.used(self.curvature).max(rear.used(self.curvature))
+        GripModel::new(vehicle, friction).axles(self).used(self.curvature)
+    }
+}
+
+/// A vehicle on a road: what [`PathMotion::grip_use`] needs, for many motions.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GripModel {
+    /// 1/(ρ μ) with the share ρ that proofs may use.
+    per_load: f64,
+    /// [`Vehicle::lateral_lag`] at standstill, s, and its growth with the speed, s²/m.
+    lag: [f64; 2],
+    /// [`Vehicle::resistance`] at standstill, m/s², and its growth with the squared speed, 1/m.
+    resistance: [f64; 2],
+    front: Axle,
+    rear: Axle,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Axle {
+    /// Lever arm of the yaw acceleration, m.
+    arm: f64,
+    /// Load per acceleration.
+    transfer: f64,
+    /// Share of the drive over the share of the mass.
+    drive: f64,
+}
+
+impl GripModel {
+    pub(super) fn new(vehicle: &Vehicle, friction: f64) -> Self {
+        let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
+        let (a, front_drive) = (base - b, vehicle.actuators.drive_front_share);
+        // `lever`: of the other axle, whose share of the wheelbase is this axle's share of the mass
+        let axle = |arm, lever: f64, sign: f64, drive_share: f64| Axle {
+            arm,
+            transfer: sign * vehicle.mass_height / lever,
+            drive: drive_share * base / lever,
+        };
+        let linear = |of: &dyn Fn(f64) -> f64| [of(0.0), of(1.0) - of(0.0)];
+        Self {
+            per_load: 1.0 / (CONTROL_SHARE * friction * vehicle.tyres.friction),
+            lag: linear(&|speed| vehicle.lateral_lag(speed)),
+            resistance: linear(&|speed| vehicle.resistance(speed)),
+            front: axle(b + k2 / b, b, -1.0, front_drive),
+            rear: axle((b - k2 / a).abs(), a, 1.0, 1.0 - front_drive),
+        }
     }
 
-    /// The use of front and rear axle.
-    pub(super) fn axles(&self, vehicle: &Vehicle, friction: f64) -> [AxleUse; 2] {
-        let (base, b, k2) = (vehicle.wheelbase, vehicle.rear_axle_to_mass, vehicle.yaw_inertia / vehicle.mass);
-        let (a, v2) = (base - b, self.speed * self.speed);
-        let (lateral, yaw) = (v2 * self.curvature.abs(), v2 * self.curvature_rate.abs());
-        let ahead = self.speed * vehicle.lateral_lag(self.speed);
-        let usable = CONTROL_SHARE * friction * vehicle.tyres.friction;
-        let front_drive = vehicle.actuators.drive_front_share;
-        let effort = self.acceleration + vehicle.resistance(self.speed);
-        // `lever`: of the other axle, whose share of the wheelbase is this axle's share of the mass
-        let axle = |arm: f64, lever: f64, transfer: f64, drive_share: f64| {
-            let load = GRAVITY + transfer * self.acceleration * vehicle.mass_height / lever;
+    /// The use of each axle.
+    #[inline]
+    pub(super) fn axles(&self, motion: &PathMotion) -> AxleUses {
+        let PathMotion { speed, acceleration, curvature, curvature_rate } = *motion;
+        let v2 = speed * speed;
+        let (lateral, yaw) = (v2 * curvature.abs(), v2 * curvature_rate.abs());
+        let ahead = speed * (self.lag[0] + self.lag[1] * speed);
+        let drive = (acceleration + self.resistance[0] + self.resistance[1] * v2).max(0.0);
+        let least = acceleration.abs() * self.per_load / GRAVITY;
+        let used = |axle: &Axle| {
+            let load = GRAVITY + axle.transfer * acceleration;
             if load <= 0.0 {
                 return AxleUse { turning: f64::INFINITY, along: f64::INFINITY };
             }
-            let turning = (lateral + (ahead + arm) * yaw) / (usable * load);
-            let drive = effort.max(0.0) * drive_share * base / lever / (usable * load);
-            AxleUse { turning, along: drive.max(self.acceleration.abs() / (usable * GRAVITY)) }
+            let per_grip = self.per_load / load;
+            let turning = (lateral + (ahead + axle.arm) * yaw) * per_grip;
+            AxleUse { turning, along: least.max(drive * axle.drive * per_grip) }
         };
-        [axle(b + k2 / b, b, -1.0, front_drive), axle((b - k2 / a).abs(), a, 1.0, 1.0 - front_drive)]
+        AxleUses { front: used(&self.front), rear: used(&self.rear) }
     }
 }
 
 /// Shares of the grip of one axle.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct AxleUse {
+struct AxleUse {
     turning: f64,
     along: f64,
 }
 
 impl AxleUse {
-    /// The larger of each.
-    pub(super) fn max(self, other: Self) -> Self {
+    fn max(self, other: Self) -> Self {
         Self { turning: self.turning.max(other.turning), along: self.along.max(other.along) }
     }
 
+    fn squared(self) -> f64 {
+        self.turning * self.turning + self.along * self.along
+    }
+}
+
+/// Shares of the grip of both axles.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct AxleUses {
+    front: AxleUse,
+    rear: AxleUse,
+}
+
+impl AxleUses {
+    /// The larger of each.
+    #[inline]
+    pub(super) fn max(self, other: Self) -> Self {
+        Self { front: self.front.max(other.front), rear: self.rear.max(other.rear) }
+    }
+
     /// On a path with a curvature, 1/m.
+    #[inline]
     pub(super) fn used(self, curvature: f64) -> GripUse {
-        GripUse { total: self.turning.hypot(self.along), turning: self.turning, curvature: curvature.abs() }
+        // faster than `hypot`, and shares neither overflow nor vanish
+        GripUse {
+            total: self.front.squared().max(self.rear.squared()).sqrt(),
+            turning: self.front.turning.max(self.rear.turning),
+            curvature: curvature.abs(),
+        }
     }
 }
 

@@ -192,6 +192,37 @@ fn paths(speed: f64, kappa: f64) -> [(&'static str, Path); 3] {
     ]
 }
 
+/// Limit of the longitudinal error in tight bends, m.
+const MAX_TIGHT_ERROR: f64 = 0.03;
+
+/// Where a tight bend begins and ends, the yaw motion takes up and returns a good part of the kinetic energy.
+#[test]
+fn tight_bends_at_low_speed_cost_no_distance() {
+    for name in vehicle::builtin_names() {
+        let v = vehicle::load(name).unwrap();
+        let kappa = 0.75 * v.max_curvature();
+        let speed = (1.5 / kappa).sqrt().min(2.0);
+        // the steering rate stays within 60 % of its limit
+        let build_up = kappa * v.wheelbase * speed / (0.6 * v.limits.steering_rate);
+        let ramp = |from: f64, to: f64| CubicSpiral {
+            knots: [0.0, 1.0, 2.0, 3.0].map(|i| kappa * (from + (to - from) * i / 3.0)),
+            length: build_up,
+        };
+        let straight = CubicSpiral::straight(speed);
+        let spirals = [straight, ramp(0.0, 1.0), ramp(1.0, 0.0), ramp(0.0, -1.0), ramp(-1.0, 0.0), straight];
+        let path = Path::new(Pose::new(0.0, 0.0, 0.3), &spirals).unwrap();
+        let duration = path.length() / speed;
+        let t = Trajectory { start_time: 0.0, path, profile: profile(speed, &[(duration, 0.0, 0.0)]) };
+        let mut world = World::new(&v, &[], &start(t.at(0.0).pose, speed), &Settings::default()).unwrap();
+        let mut log = Log::default();
+        world.follow(&t, duration, &mut log);
+        let ahead = |s: &Sample| s.reference_pose.to_local(s.pose.position).x.abs();
+        let error = log.samples.iter().map(ahead).fold(0.0, f64::max);
+        println!("{name}: {error:.3} m longitudinal with up to {kappa:.2} 1/m");
+        assert!(error <= MAX_TIGHT_ERROR, "{name}: {error} m with up to {kappa} 1/m");
+    }
+}
+
 #[test]
 fn tracks_paths_at_the_comfort_limit_of_lateral_acceleration() {
     for name in vehicle::builtin_names().iter().copied() {

@@ -290,7 +290,7 @@ fn shares(v: &Vehicle, all: &[Measured]) -> [(f64, Measured); 3] {
 /// Seeds that the bounds were not chosen for: those were 0 to 1499 and 30 000 to 31 499.
 const HELD_OUT: std::ops::Range<u64> = 20_000..20_200;
 /// Those of the seeds that the bounds were chosen for with the largest shares of them.
-const HARDEST: [u64; 7] = [143, 396, 576, 1303, 1485, 30_253, 30_950];
+const HARDEST: [u64; 7] = [576, 694, 1303, 1485, 30_253, 30_950, 31_080];
 /// Largest share of the bounds on the seeds that they were chosen for: a reserve of a quarter above each error.
 const CHOSEN: f64 = 1.0 / 1.25;
 
