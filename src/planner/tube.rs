@@ -169,3 +169,98 @@ impl Planner<'_> {
             && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Cycle, Observation, Settings};
+    use super::*;
+    use crate::map::Scenario;
+    use crate::vehicle::{State, builtin_names, load};
+
+    fn used(total: f64, turning: f64) -> GripUse {
+        GripUse { total, turning, curvature: 0.0 }
+    }
+
+    #[test]
+    fn a_use_of_the_grip_counts_for_two_more_seconds_and_a_restart_forgets_it() {
+        let mut driven = Driven::default();
+        driven.add(0.0, used(0.9, 0.1));
+        driven.add(0.5, used(0.2, 0.4));
+        assert_eq!(driven.used(), used(0.9, 0.4));
+        driven.add(2.0, used(0.1, 0.1));
+        assert_eq!(driven.used(), used(0.9, 0.4));
+        driven.add(2.01, used(0.1, 0.1));
+        assert_eq!(driven.used(), used(0.2, 0.4));
+        driven.restart();
+        assert_eq!(driven.used(), GripUse::default());
+    }
+
+    /// The road may be left by 5 cm, the tolerance of the verdict; everything else keeps the whole tube.
+    #[test]
+    fn margins_contain_the_tracking_errors_of_every_vehicle() {
+        for name in builtin_names() {
+            let vehicle = load(name).unwrap();
+            for grip in [used(0.0, 0.0), used(0.5, 0.3), used(1.0, 1.0)] {
+                let Tube { error, margins } = Tube::with(&vehicle, &grip);
+                for kept in [margins.static_obstacles, margins.moving_obstacles] {
+                    assert!(kept.lateral > error.lateral && kept.longitudinal >= error.longitudinal, "{name} {grip:?}");
+                }
+                assert!((margins.road - (margins.static_obstacles.lateral - 0.05)).abs() < 1e-12, "{name} {grip:?}");
+            }
+        }
+    }
+
+    fn straight() -> Scenario {
+        let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("maps/straight_100m.xml");
+        crate::io::commonroad::read_file(&file).unwrap()
+    }
+
+    /// A cycle at the start, and one 0.1 s later with the vehicle at a place in the frame of its plan, m.
+    fn two_cycles(scenario: &Scenario, ahead: f64, left: f64) -> (Cycle, State) {
+        let vehicle = load("bmw_320i").unwrap();
+        let problem = &scenario.problems[0];
+        let pose = vehicle.rear_axle_of_centre(&problem.initial.centre);
+        let speed = problem.initial.speed;
+        let state = State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+        let mut planner = Planner::new(scenario.map(), &vehicle, &Settings::default()).unwrap();
+        let first = planner.cycle(&Observation::of_scenario(scenario, problem, state)).unwrap();
+        let planned = first.trajectory.at(0.1);
+        let at = planned.pose.advanced(ahead);
+        let pose = Pose { position: at.position + left * at.left(), ..at };
+        let state = State { time: 0.1, pose, speed: planned.speed, acceleration: planned.acceleration, ..state };
+        (planner.traced_cycle(&Observation::of_scenario(scenario, problem, state)).unwrap(), state)
+    }
+
+    #[test]
+    fn a_vehicle_inside_its_tube_goes_on_along_its_plan_and_one_outside_begins_where_it_is() {
+        let scenario = straight();
+        let tube = load("bmw_320i").unwrap().tracking.at(&GripUse::default());
+        let begins_at_vehicle = |ahead, left| {
+            let (cycle, state) = two_cycles(&scenario, ahead, left);
+            (cycle.plan.trajectory.at(0.1).pose.position - state.pose.position).norm() < 1e-9
+        };
+        for side in [-1.0, 1.0] {
+            assert!(!begins_at_vehicle(0.0, side * 0.9 * tube.lateral));
+            assert!(!begins_at_vehicle(side * 0.9 * tube.longitudinal, 0.0));
+            // wider than the tube of the stop of this plan
+            assert!(begins_at_vehicle(0.0, side * 0.3));
+            assert!(begins_at_vehicle(side * 0.3, 0.0));
+        }
+    }
+
+    /// 8 m/s is beyond what is known of the robot car: no proof, whatever is free.
+    #[test]
+    fn nothing_is_proven_outside_of_the_domain_of_the_tube() {
+        let scenario = straight();
+        let vehicle = load("f1tenth").unwrap();
+        let problem = &scenario.problems[0];
+        let pose = vehicle.rear_axle_of_centre(&problem.initial.centre);
+        for (speed, is_known) in [(3.0, true), (8.0, false)] {
+            let state = State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+            let mut planner = Planner::new(scenario.map(), &vehicle, &Settings::default()).unwrap();
+            let cycle = planner.traced_cycle(&Observation::of_scenario(&scenario, problem, state)).unwrap();
+            assert_eq!(cycle.plan.level.is_proven(), is_known, "{speed} m/s: {}", cycle.summary());
+            assert_eq!(cycle.trace.rejections(super::super::Rejection::NotDrivable) > 0, !is_known);
+        }
+    }
+}

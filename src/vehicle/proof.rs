@@ -76,10 +76,12 @@ impl ProofLimits {
     }
 
     /// The vehicle with limits of comfort that are within these: a limit of comfort is a wish, the road's is not. Where the
-    /// comfortable accelerations use up the grip together, each keeps the same share of it.
+    /// comfortable accelerations use up the grip together, each keeps the same share of it. Its top speed is the largest one of its
+    /// tracking tube: nothing can be claimed beyond.
     #[must_use]
     pub fn applied_to(&self, vehicle: &Vehicle) -> Vehicle {
         let mut vehicle = vehicle.clone();
+        vehicle.limits.speed = vehicle.limits.speed.min(vehicle.tracking.speed[0]);
         let comfort = &mut vehicle.comfort;
         comfort.aggressive_deceleration = comfort.aggressive_deceleration.min(self.deceleration * HALF);
         comfort.deceleration = comfort.deceleration.min(comfort.aggressive_deceleration * COMFORT_SHARE);
@@ -147,7 +149,9 @@ mod tests {
     #[test]
     fn comfort_is_left_alone_on_dry_asphalt_and_within_the_grip_on_ice() {
         let car = load("bmw_320i").unwrap();
-        assert_eq!(ProofLimits::new(&car, 1.0).applied_to(&car), car);
+        let dry = ProofLimits::new(&car, 1.0).applied_to(&car);
+        assert_eq!(dry.limits.speed, car.tracking.speed[0]);
+        assert_eq!(dry.comfort, car.comfort);
         let limits = ProofLimits::new(&car, 0.15);
         let comfort = limits.applied_to(&car).comfort;
         assert!(comfort.deceleration < comfort.aggressive_deceleration);
