@@ -290,7 +290,7 @@ pub fn vehicle() -> Vehicle {
             jerk: 3.0,
         },
         tracking: TrackingTube {
-            speed: [30.0, 20.0],
+            speed: [40.0, 30.0, 20.0],
             lateral: [0.05, 0.5],
             longitudinal: [0.05, 0.1],
             heading: [0.02, 0.1],

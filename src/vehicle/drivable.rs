@@ -366,7 +366,7 @@ mod tests {
     fn random(rng: &mut fastrand::Rng, v: &Vehicle) -> (Trajectory, f64) {
         let mut uniform = |from: f64, to: f64| from + (to - from) * rng.f64();
         let friction = if uniform(0.0, 1.0) < 0.5 { 1.0 } else { 0.5 };
-        let speed = uniform(2.0, 0.7 * v.tracking.speed[1]);
+        let speed = uniform(2.0, 0.7 * v.tracking.speed[2]);
         let (a, b) = (uniform(0.0, 1.0), uniform(0.5, 2.5));
         let jerk = b / uniform(0.2, 1.0);
         let pieces = [(1.0, 0.0, 0.0), (0.6, a, -2.0 * a / 0.6), (b / jerk, 0.0, -jerk), (0.8 * speed / b, -b, 0.0)];
@@ -446,7 +446,7 @@ mod tests {
                 trajectory(15.0, &cruise(15.0), &[line(20.0), into(0.04, 25.0), arc(0.04, 200.0)]),
             ),
             // faster than the bounds were measured
-            (DrivingLimit::Speed, 0.0, 0.0, trajectory(v.tracking.speed[0] + 0.1, &cruise(30.0), &[line(300.0)])),
+            (DrivingLimit::Speed, 0.0, 0.0, trajectory(v.tracking.speed[0] + 0.1, &cruise(30.0), &[line(400.0)])),
             // with three quarters of the grip, turning at more than the lower speed
             (
                 DrivingLimit::Speed,
@@ -474,6 +474,28 @@ mod tests {
             let since = left.time - t.start_time;
             assert!(since >= from - SHORTEST && since <= to + SHORTEST, "{what:?}: {left}");
             assert!(left.value > left.limit && left.to_string().contains("limit"), "{left}");
+        }
+    }
+
+    #[test]
+    fn on_a_motorway_gentle_turns_and_firm_straight_braking_are_inside() {
+        for name in ["bmw_320i", "ford_escort"] {
+            let v = load(name).unwrap();
+            let speed = v.tracking.speed[0] - 0.5;
+            let bow = |k: f64| CubicSpiral { knots: [0.0, k, k, 0.0], length: 100.0 };
+            let cruise = [(5.5, 0.0, 0.0)];
+            let stop = |d: f64| [(1.0, 0.0, 0.0), (d / 2.5, 0.0, -2.5), (4.0, -d, 0.0)];
+            let line = [CubicSpiral::straight(400.0)];
+            let lanes = [bow(1.2 / (speed * speed)), bow(-1.2 / (speed * speed))];
+            let gentle = v.drivable(1.0, &trajectory(speed, &cruise, &lanes)).unwrap();
+            assert!(gentle.total <= TrackingTube::GENTLE_USE && gentle.turning > 0.15, "{name}: {gentle:?}");
+            let firm = v.drivable(1.0, &trajectory(speed, &stop(4.2), &line)).unwrap();
+            assert!(firm.total <= TrackingTube::STRAIGHT_BRAKING && firm.total > 0.45, "{name}: {firm:?}");
+            // harder braking at this speed, or as hard in a turn, may spin the vehicle
+            for (braking, path) in [(6.0, &line[..]), (4.2, &lanes)] {
+                let left = v.drivable(1.0, &trajectory(speed, &stop(braking), path)).unwrap_err();
+                assert!(left.what == DrivingLimit::Speed && left.limit == v.tracking.speed[1], "{name}: {left}");
+            }
         }
     }
 

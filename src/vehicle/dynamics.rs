@@ -76,13 +76,14 @@ struct ComfortTable {
     jerk: f64,
 }
 
-#[derive(Debug, Clone, Copy, Deserialize)]
+/// Lists of any length: serde leaves out what an array has too much.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TrackingTable {
-    speed: [f64; 2],
-    lateral: [f64; 2],
-    longitudinal: [f64; 2],
-    heading: [f64; 2],
+    speed: Vec<f64>,
+    lateral: Vec<f64>,
+    longitudinal: Vec<f64>,
+    heading: Vec<f64>,
 }
 
 impl Dynamics {
@@ -145,24 +146,36 @@ pub(super) fn read(file: &Path, text: &str) -> Result<Dynamics, VehicleError> {
         aggressive >= comfort.deceleration && aggressive <= 100.0,
         "at least comfort.deceleration, at most 100 m/s²",
     )?;
-    let tracking = tracking.map(|TrackingTable { speed, lateral, longitudinal, heading }| TrackingTube {
-        speed,
-        lateral,
-        longitudinal,
-        heading,
-    });
-    if let Some(TrackingTube { speed, lateral, longitudinal, heading }) = &tracking {
-        let descending = speed[0] >= speed[1] && speed[1] > 0.0;
-        for value in speed {
-            check("tracking.speed", *value, descending, "two positive finite numbers, the second at most the first")?;
-        }
-        for (element, bounds) in
-            [("tracking.lateral", lateral), ("tracking.longitudinal", longitudinal), ("tracking.heading", heading)]
-        {
-            for value in bounds {
-                check(element, *value, *value >= 0.0, "two finite numbers of at least 0")?;
-            }
-        }
-    }
+    let tracking = tracking.map(|table| tube(file, &table)).transpose()?;
     Ok(Dynamics { commonroad_type, limits, tyres, actuators, comfort, tracking })
+}
+
+/// Checks the table `tracking`.
+fn tube(file: &Path, table: &TrackingTable) -> Result<TrackingTube, VehicleError> {
+    let speeds = |v: &[f64; 3]| v[0] >= v[1] && v[1] >= v[2] && v[2] > 0.0;
+    let bounds = |v: &[f64; 2]| v[0] >= 0.0 && v[1] >= 0.0;
+    let bound = |element, list| numbers(file, element, list, bounds, "two finite numbers of at least 0");
+    let expected = "three positive finite numbers, none larger than the one before";
+    Ok(TrackingTube {
+        speed: numbers(file, "tracking.speed", &table.speed, speeds, expected)?,
+        lateral: bound("tracking.lateral", &table.lateral)?,
+        longitudinal: bound("tracking.longitudinal", &table.longitudinal)?,
+        heading: bound("tracking.heading", &table.heading)?,
+    })
+}
+
+/// A list of as many finite numbers as fit.
+fn numbers<const N: usize>(
+    file: &Path,
+    element: &str,
+    list: &[f64],
+    fits: impl Fn(&[f64; N]) -> bool,
+    expected: &'static str,
+) -> Result<[f64; N], VehicleError> {
+    let checked = <[f64; N]>::try_from(list).ok().filter(|v| v.iter().all(|x| x.is_finite()) && fits(v));
+    checked.ok_or_else(|| {
+        let found: Vec<String> = list.iter().map(|x| number::exact(*x)).collect();
+        let (file, element, found) = (file.to_owned(), element.into(), format!("[{}]", found.join(", ")));
+        VehicleError::Element { file, element, found, expected }
+    })
 }

@@ -764,6 +764,13 @@ mod tests {
             ("jerk = 2.5", "jerk = 0.0", "comfort.jerk"),
             ("aggressive_deceleration = 2.2", "aggressive_deceleration = 1.0", "comfort.aggressive_deceleration"),
             ("[comfort]", "[comfort", "dynamics.toml"),
+            ("speed = [35.0, 20.0, 15.0]", "speed = [25.0, 15.0]", "tracking.speed: [25, 15]; expected three positive"),
+            ("speed = [35.0, 20.0, 15.0]", "speed = [35.0, 22.5, 15.0, 1.0]", "tracking.speed: [35, 22.5, 15, 1]"),
+            ("speed = [35.0, 20.0, 15.0]", "speed = [35.0, 15.0, 22.5]", "none larger than the one before"),
+            ("speed = [35.0, 20.0, 15.0]", "speed = [35.0, 22.5, 0.0]", "tracking.speed: [35, 22.5, 0]"),
+            ("speed = [35.0, 20.0, 15.0]", "speed = [inf, 22.5, 15.0]", "tracking.speed: [inf, 22.5, 15]"),
+            ("lateral = [0.025, ", "lateral = [-0.025, ", "tracking.lateral: [-0.025, "),
+            ("heading = [0.016, ", "heading = [0.016, 0.1, ", "tracking.heading: [0.016, 0.1, "),
         ] {
             if part.is_empty() {
                 continue;

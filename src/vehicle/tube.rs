@@ -20,8 +20,8 @@
 //! A new plan that begins with the motion of the plan before continues its trajectory: the bounds hold for the trajectory that the
 //! vehicle was given piece by piece, with its largest use.
 //!
-//! Outside of the domain there is no bound: hard braking in a turn at high speed may spin the vehicle, because the unloaded and
-//! braked rear axle loses more side stiffness than the front axle. The model has no stability control.
+//! Outside of the domain there is no bound: hard braking at high speed may spin the vehicle, even on a nearly straight path,
+//! because the unloaded and braked rear axle loses more side stiffness than the front axle. The model has no stability control.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -30,9 +30,10 @@ use super::{Actuators, CONTROL_SHARE, GRAVITY, Limits, Tyres, Vehicle};
 /// Bounds of the tracking errors: each at no use of the grip, and its growth up to full use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackingTube {
-    /// Largest speeds for which the bounds hold, m/s: with up to [`Self::MODERATE_USE`] of the grip, and with all of it.
-    /// Straight driving is bounded at the first one with any use.
-    pub speed: [f64; 2],
+    /// Largest speeds for which the bounds hold, m/s: with up to [`Self::GENTLE_USE`] of the grip, with up to
+    /// [`Self::MODERATE_USE`], and with all of it. Straight driving is bounded by the first one with up to
+    /// [`Self::STRAIGHT_BRAKING`], by the second one with all.
+    pub speed: [f64; 3],
     /// Lateral error of the rear axle's centre, m.
     pub lateral: [f64; 2],
     /// Longitudinal error of the rear axle's centre, m.
@@ -82,10 +83,14 @@ impl Vehicle {
 }
 
 impl TrackingTube {
-    /// Use of the grip up to which the bounds hold at high speed.
+    /// Use of the grip up to which the bounds hold at the speeds of motorways.
+    pub const GENTLE_USE: f64 = 0.3;
+    /// Use of the grip up to which the bounds hold at the speeds of rural roads.
     pub const MODERATE_USE: f64 = 0.7;
     /// Use of the grip by turning below which the vehicle drives straight.
     pub const STRAIGHT_USE: f64 = 0.05;
+    /// Use of the grip up to which straight driving is as fast as gentle driving.
+    pub const STRAIGHT_BRAKING: f64 = 0.5;
     /// Share of the vehicle's largest curvature up to which the bounds hold.
     pub const CURVATURE_SHARE: f64 = 0.95;
 
@@ -98,9 +103,15 @@ impl TrackingTube {
     /// The largest speed for which the bounds hold with this use of the grip, m/s.
     #[must_use]
     pub fn largest_speed(&self, used: &GripUse) -> f64 {
-        let [moderate, full] = self.speed;
-        let calm = used.total <= Self::MODERATE_USE || used.turning <= Self::STRAIGHT_USE;
-        if calm { moderate } else { full }
+        let [gentle, moderate, full] = self.speed;
+        let is_straight = used.turning <= Self::STRAIGHT_USE;
+        if used.total <= if is_straight { Self::STRAIGHT_BRAKING } else { Self::GENTLE_USE } {
+            gentle
+        } else if used.total <= Self::MODERATE_USE || is_straight {
+            moderate
+        } else {
+            full
+        }
     }
 
     /// The bounds for a trajectory that uses the grip at most that much.
@@ -115,15 +126,16 @@ impl TrackingTube {
     }
 
     /// Bounds for a vehicle that was not measured, wider than those of each built-in vehicle: the distance μ g τ² with the
-    /// slowest lag τ, three times the slip angle μ/c at which the softer axle's linear force would be the full grip, and up to
-    /// nine wheelbases per second or 80 % of the top speed, half of that with full use of the grip.
+    /// slowest lag τ, and three times the slip angle μ/c at which the softer axle's linear force would be the full grip. The
+    /// speeds are up to 80 % of the top speed, twelve wheelbases per second with gentle and seven with moderate use of the
+    /// grip; 60 % of the latter with full use.
     pub(super) fn estimated(tyres: &Tyres, actuators: &Actuators, limits: &Limits, wheelbase: f64) -> Self {
-        let speed = (0.8 * limits.speed).min(9.0 * wheelbase);
-        let lag = lateral_lag(tyres, actuators, speed).max(actuators.brake_lag).max(actuators.drive_lag);
+        let [gentle, moderate] = [12.0, 7.0].map(|per_second: f64| (0.8 * limits.speed).min(per_second * wheelbase));
+        let lag = lateral_lag(tyres, actuators, gentle).max(actuators.brake_lag).max(actuators.drive_lag);
         let distance = tyres.friction * GRAVITY * lag * lag;
         let slip = tyres.friction / tyres.cornering_front.min(tyres.cornering_rear);
         Self {
-            speed: [speed, 0.5 * speed],
+            speed: [gentle, moderate, 0.6 * moderate],
             lateral: [0.1, distance.max(0.3)],
             longitudinal: [0.1, distance.max(0.4)],
             heading: [0.1, 3.0 * slip],
@@ -332,8 +344,12 @@ mod tests {
 
     #[test]
     fn bounds_grow_with_the_use() {
-        let tube =
-            TrackingTube { speed: [30.0, 20.0], lateral: [0.1, 0.8], longitudinal: [0.2, 0.4], heading: [0.0, 0.08] };
+        let tube = TrackingTube {
+            speed: [40.0, 30.0, 20.0],
+            lateral: [0.1, 0.8],
+            longitudinal: [0.2, 0.4],
+            heading: [0.0, 0.08],
+        };
         for (total, turning, curvature, expected) in
             [(0.5, 0.25, 0.0, [0.2, 0.3, 0.01]), (0.5, 0.25, 0.1, [0.2, 0.3, 0.03]), (1.0, 0.0, 0.0, [0.1, 0.6, 0.0])]
         {
@@ -346,13 +362,24 @@ mod tests {
 
     #[test]
     fn the_domain_ends_earlier_for_hard_braking_in_turns() {
-        let tube =
-            TrackingTube { speed: [30.0, 20.0], lateral: [0.1, 0.8], longitudinal: [0.2, 0.4], heading: [0.0, 0.08] };
+        let tube = TrackingTube {
+            speed: [40.0, 30.0, 20.0],
+            lateral: [0.1, 0.8],
+            longitudinal: [0.2, 0.4],
+            heading: [0.0, 0.08],
+        };
         for (speed, total, turning, inside) in [
+            (39.0, 0.3, 0.3, true),
+            (41.0, 0.3, 0.3, false),
+            (31.0, 0.31, 0.3, false),
+            (39.0, 0.5, 0.04, true),
+            (41.0, 0.5, 0.04, false),
+            (31.0, 0.51, 0.04, false),
+            (29.0, 0.9, 0.04, true),
+            (31.0, 0.9, 0.04, false),
             (29.0, 0.6, 0.5, true),
             (31.0, 0.6, 0.5, false),
             (29.0, 0.9, 0.5, false),
-            (29.0, 0.9, 0.04, true),
             (19.0, 0.9, 0.5, true),
             (19.0, 1.1, 0.5, false),
         ] {
@@ -373,7 +400,7 @@ mod tests {
                 assert!(wide.longitudinal >= measured.longitudinal, "{name} {used:?}: {wide:?} {measured:?}");
                 assert!(wide.heading >= measured.heading, "{name} {used:?}: {wide:?} {measured:?}");
             }
-            assert!(estimate.speed[0] <= v.tracking.speed[0] && estimate.speed[1] <= v.tracking.speed[1], "{name}");
+            assert!(estimate.speed.iter().zip(v.tracking.speed).all(|(wide, measured)| *wide <= measured), "{name}");
         }
     }
 
