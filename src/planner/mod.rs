@@ -413,7 +413,7 @@ impl<'m> Planner<'m> {
         let until = roots[0].allowance.no_road_until;
         if until > 0.0 {
             let imposed = world.depth_off_road(&start.point.pose);
-            all.retain(|path| is_no_deeper_off_road(world, &path.path, until, imposed));
+            all.retain(|path| returns_to_road(world, &path.path, until, imposed));
         }
         all.sort_by_key(|p| p.terms.rank());
         all
@@ -615,15 +615,21 @@ fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryP
     }
 }
 
-/// Whether a path is nowhere farther off the road than the start is, up to the station from which it has to be on it (m). What a
-/// start imposes is no licence for more.
-fn is_no_deeper_off_road(world: &CollisionWorld, path: &Path, until: f64, imposed: f64) -> bool {
+/// Whether a path that starts off the road by some metres returns to it without a detour, up to the station from which it has to be
+/// on it (m). What a start imposes is excused only while it shrinks.
+fn returns_to_road(world: &CollisionWorld, path: &Path, until: f64, imposed: f64) -> bool {
     /// Distance between compared poses, m.
     const SPACING: f64 = 0.5;
-    /// Tolerance, m: that of the verdict is 0.05 m, and the controller needs a part of it.
-    const TOLERANCE: f64 = 0.02;
+    /// Tolerance of distances, m.
+    const ROUNDING: f64 = 1e-3;
     let poses = path.sampled(SPACING).into_iter().take_while(|(station, _)| *station <= until);
-    poses.into_iter().all(|(_, point)| world.depth_off_road(&point.pose) <= imposed + TOLERANCE)
+    let mut least = imposed;
+    poses.into_iter().all(|(_, point)| {
+        let depth = world.depth_off_road(&point.pose);
+        let shrinks = depth <= least + ROUNDING;
+        least = least.min(depth.max(0.0));
+        shrinks
+    })
 }
 
 /// The choice with its raw profile, and why.
