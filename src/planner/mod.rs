@@ -62,7 +62,7 @@ use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
-use self::tube::{Driven, OutOfTube, Tube};
+use self::tube::{Deviation, Driven, OutOfTube, Tube};
 use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
@@ -144,6 +144,8 @@ struct Start {
     point: TrajectoryPoint,
     /// The first contact during a lead that is not on the committed trajectory.
     lead_contact: Option<ExpectedContact>,
+    /// How far the vehicle is from the committed trajectory, if plans start on it.
+    deviation: Deviation,
     /// Whether it is on the committed trajectory.
     on_plan: bool,
 }
@@ -327,17 +329,17 @@ impl<'m> Planner<'m> {
     fn start(&self, state: &State) -> Start {
         let duration = lead::duration(&self.vehicle);
         // the reference of a plan without a proof may be beyond what the vehicle can follow
-        if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
-            if committed.tube.contains(&committed.trajectory.at(state.time).pose, &state.pose) {
-                let lead = Lead::on(&committed.trajectory, state.time, duration);
-                let point = committed.trajectory.at(state.time + duration);
-                return Start { lead, point, lead_contact: None, on_plan: true };
-            }
+        let near = |c: &&Committed| c.level.is_proven() && self.is_near(&c.trajectory.at(state.time), &state.pose);
+        if let Some(Committed { trajectory, .. }) = self.committed.as_ref().filter(near) {
+            let deviation = Deviation::between(&trajectory.at(state.time).pose, &state.pose);
+            let lead = Lead::on(trajectory, state.time, duration);
+            let point = trajectory.at(state.time + duration);
+            return Start { lead, point, lead_contact: None, deviation, on_plan: true };
         }
         let lead = Lead::extrapolated(state, &self.vehicle, duration);
         let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
         let lead_contact = self.contact_during(&lead);
-        Start { lead, point, lead_contact, on_plan: false }
+        Start { lead, point, lead_contact, deviation: Deviation::default(), on_plan: false }
     }
 
     /// The pair of path and speed with a proven stop on the gentlest of these levels, of those the cheapest. The lattice is searched

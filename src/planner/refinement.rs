@@ -53,6 +53,8 @@ impl Planner<'_> {
         if lane.reference.project(start.point.pose.position).l.abs() > OFFSET_SATURATES {
             return None;
         }
+        // the lattice path bends more than the refined one, so that its tube is wide enough
+        let level = LevelLimits { margins: level.margins.at_least(&choice.tube.margins), ..level };
         let world = &self.known.world;
         let allowance = allowance_at(world, &level.margins, &start.point);
         if allowance.no_road_until > 0.0 {

@@ -9,6 +9,7 @@
 //! [`Level::Unproven`].
 
 use super::level::Level;
+use super::tube::Deviation;
 use super::{Committed, Planner, allowance_at};
 use crate::collision::{SafetyMargins, Sweep};
 use crate::speed::{AccelerationLimits, SpeedProblem, prove};
@@ -24,19 +25,23 @@ impl Planner<'_> {
     /// Proves the rest of the committed plan for what is known now, and sets its level accordingly.
     pub(super) fn verify_committed(&mut self, state: &State) {
         let Some(committed) = self.committed.take_if(|c| c.level.is_proven()) else { return };
-        let as_before = (committed.level, committed.margins, committed.robust);
-        let bare = (committed.level.max(Level::NoMargin), committed.tube.margins, false);
-        let weaker = [as_before, (committed.level, committed.margins, false), bare];
+        let reference = committed.trajectory.at(state.time);
+        let tube = committed.tube.containing(&Deviation::between(&reference.pose, &state.pose));
+        let margins = committed.margins.at_least(&tube.margins);
+        let as_before = (committed.level, margins, committed.robust);
+        let bare = (committed.level.max(Level::NoMargin), tube.margins, false);
+        let weaker = [as_before, (committed.level, margins, false), bare];
         let holds =
             weaker.into_iter().find(|(_, margins, robust)| self.holds(&committed, margins, *robust, state.time));
-        let (level, margins, robust) = holds.unwrap_or((Level::Unproven, committed.margins, false));
+        let (level, margins, robust) = holds.unwrap_or((Level::Unproven, margins, false));
         let statics = self.known.statics;
         self.committed = Some(Committed { level, margins, robust, statics, ..committed });
     }
 
     fn holds(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {
         plan.deceleration <= self.limits.deceleration() + ACCELERATION_SLACK
-            && (plan.statics == self.known.statics || self.is_free_of_statics(&plan.trajectory, margins, now))
+            && (plan.statics == self.known.statics && plan.margins.at_least(margins) == plan.margins
+                || self.is_free_of_statics(&plan.trajectory, margins, now))
             && self.is_free_of_traffic(&plan.trajectory, (&plan.sweeps(), plan.fine_until), margins, robust, now)
     }
 

@@ -10,7 +10,8 @@
 //!    something is inside, the path is tried once more with a speed profile that keeps this distance.
 //!
 //! Tracking errors fade within seconds. The use of the grip before a cycle therefore counts with that of the plan
-//! ([`Driven`]). A vehicle outside of its tube is planned for from its measured state: the tube is the tolerance of the restart, too.
+//! ([`Driven`]). A vehicle outside of its tube is not as described: its deviation is added to the margins. If nothing is proven with these,
+//! or if the vehicle is rather beside its plan than on it, it is planned for from its measured state.
 //!
 //! Weak: within a margin that the start of a plan is already inside of, the tube is not checked for the first metres
 //! (`allowance_at`).
@@ -18,11 +19,11 @@
 use std::sync::Arc;
 
 use super::level::LevelLimits;
-use super::{Planner, Start, allowance_at};
-use crate::collision::{Margins, SafetyMargins, Sweep};
+use super::{Planner, Start, allowance_at, lead};
+use crate::collision::{Allowance, Margins, SafetyMargins, Sweep};
 use crate::geometry::Pose;
 use crate::lattice::LatticePath;
-use crate::trajectory::{SpeedProfile, Trajectory};
+use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{GripUse, PathMotion, TrackingError, Vehicle};
 
 /// Width of the tube beyond the road boundary that a proof permits, m: lanelets of real maps have gaps of centimetres between their
@@ -58,10 +59,32 @@ impl Tube {
         }
     }
 
-    /// Whether a pose is inside the tube around a reference pose.
-    pub(super) fn contains(&self, reference: &Pose, pose: &Pose) -> bool {
+    /// The tube that contains a measured deviation as well: its margins grow by as much as its errors.
+    pub(super) fn containing(self, deviation: &Deviation) -> Self {
+        let Self { mut error, mut margins } = self;
+        let lateral = (deviation.lateral - error.lateral).max(0.0);
+        let longitudinal = (deviation.longitudinal - error.longitudinal).max(0.0);
+        (error.lateral, error.longitudinal) = (error.lateral + lateral, error.longitudinal + longitudinal);
+        for kept in [&mut margins.static_obstacles, &mut margins.moving_obstacles] {
+            (kept.lateral, kept.longitudinal) = (kept.lateral + lateral, kept.longitudinal + longitudinal);
+        }
+        margins.road += lateral;
+        Self { error, margins }
+    }
+}
+
+/// Distance of the vehicle from the committed trajectory now, m, without sign.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Deviation {
+    pub(super) lateral: f64,
+    pub(super) longitudinal: f64,
+}
+
+impl Deviation {
+    /// Of a pose from a reference pose.
+    pub(super) fn between(reference: &Pose, pose: &Pose) -> Self {
         let error = reference.to_local(pose.position);
-        error.x.abs() <= self.error.longitudinal && error.y.abs() <= self.error.lateral
+        Self { lateral: error.y.abs(), longitudinal: error.x.abs() }
     }
 }
 
@@ -96,6 +119,15 @@ impl Driven {
 }
 
 impl Planner<'_> {
+    /// Whether the vehicle at a pose can go on along a plan: it is less than half its width beside it, and not farther ahead or behind
+    /// than the widest tube and what it drives during a lag of the brakes.
+    pub(super) fn is_near(&self, reference: &TrajectoryPoint, pose: &Pose) -> bool {
+        let deviation = Deviation::between(&reference.pose, pose);
+        let widest = self.described.tracking.at(&GripUse { total: 1.0, turning: 1.0, curvature: 0.0 });
+        let during_lag = reference.speed * lead::duration(&self.described);
+        deviation.lateral <= 0.5 * self.described.width && deviation.longitudinal <= widest.longitudinal + during_lag
+    }
+
     /// Records what the committed trajectory uses now.
     pub(super) fn record_use(&mut self, start: &Start, time: f64) {
         let Some(committed) = self.committed.as_ref().filter(|_| start.on_plan) else {
@@ -117,11 +149,6 @@ impl Planner<'_> {
         Tube::with(&self.described, &GripUse::default())
     }
 
-    /// The tube of everything in its domain.
-    pub(super) fn widest_tube(&self) -> Tube {
-        Tube::with(&self.described, &GripUse { total: 1.0, turning: 1.0, curvature: 0.0 })
-    }
-
     /// The tube of a plan on a level, if the vehicle can be relied on to stay inside, and if nothing else is there.
     pub(super) fn tube_of(
         &self,
@@ -135,9 +162,12 @@ impl Planner<'_> {
         }
         let trajectory = start.lead.followed_by(&path.path, profile);
         let used = self.described.drivable(self.friction, &trajectory).map_err(|_| OutOfTube::NotDrivable)?;
-        let tube = Tube::with(&self.described, &used.max(self.driven.used()));
+        let tube = Tube::with(&self.described, &used.max(self.driven.used())).containing(&start.deviation);
         let margins = level.margins.at_least(&tube.margins);
-        let is_free = margins == level.margins || self.is_tube_free(start, level, &trajectory, &path.sweeps, &margins);
+        // a start inside the margins of the level is excused from them, not from the tube
+        let is_excused = allowance_at(&self.known.world, &level.margins, &start.point) != Allowance::NONE;
+        let kept = if is_excused { tube.margins } else { margins };
+        let is_free = kept == level.margins || self.is_tube_free(start, level, &trajectory, &path.sweeps, &kept);
         if is_free { Ok(tube) } else { Err(OutOfTube::Blocked(margins)) }
     }
 

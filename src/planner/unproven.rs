@@ -2,7 +2,7 @@
 //!
 //! 1. The emergency levels are tried once more with everything that vehicle and road give, without the reserve that proofs
 //!    leave to the tracking controller. A plan that is found this way touches nothing if the controller needs no reserve.
-//! 2. Otherwise the committed plan goes on if its rest still touches nothing.
+//! 2. Otherwise the committed plan goes on if what is left of it still touches nothing.
 //! 3. Otherwise every path of the hardest such level is driven with full braking, and the one with the latest first contact
 //!    wins; of those, the one with the lowest speed at contact. The arc along the present steering angle is one of them.
 //!
@@ -83,11 +83,12 @@ impl Planner<'_> {
         (committed, best.contact)
     }
 
-    /// The committed plan, if its rest still touches nothing and the vehicle is near it.
+    /// The committed plan, if what is left of it still touches nothing and the vehicle is near it.
     fn still_evading(&self, start: &Start) -> Option<Committed> {
         let committed = self.committed.as_ref().filter(|c| !c.sweeps.is_empty())?;
         let (trajectory, now) = (&committed.trajectory, start.lead.begins());
-        let is_near = self.widest_tube().contains(&trajectory.at(now).pose, start.lead.start());
+        let reference = trajectory.at(now);
+        let is_near = self.is_near(&reference, start.lead.start());
         let is_free = || {
             self.is_free_of_statics(trajectory, &NO_MARGINS, now)
                 && self.is_free_of_traffic(

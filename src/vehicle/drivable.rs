@@ -295,6 +295,8 @@ impl<'a> Check<'a> {
     /// Bounds on the path between two instants.
     #[inline]
     fn bend(&self, from: &Instant, to: &Instant) -> Bend {
+        // at a joint, rounding may put the end of a stretch behind the start of the next one
+        let (from, to) = if from.piece > to.piece { (to, from) } else { (from, to) };
         let mut bend = Bend { most: 0.0, least: f64::INFINITY, rate: 0.0 };
         let mut start = from.place;
         for i in from.piece..to.piece {

@@ -290,11 +290,15 @@ fn linearised_speed_limit(problem: &SpeedProblem, speed_limits: &[f64], station:
 /// The lowest limit (m/s) inside an interval of stations (m) if it is lower than those at both ends: a short bend between two knots,
 /// which no tangent at a knot sees.
 fn lowest_between(problem: &SpeedProblem, speed_limits: &[f64], [from, to]: [f64; 2]) -> Option<f64> {
+    /// Overlap of the intervals of two knots, m: at round speeds their common end is a node, and rounding must not decide whose it is.
+    const OVERLAP: f64 = 0.02;
+    /// Depth that counts, m/s: on a plateau, rounding must not decide whether there is a dip.
+    const DEPTH: f64 = 0.05;
     let nodes = &problem.stations;
-    let inside = nodes.partition_point(|n| *n < from)..nodes.partition_point(|n| *n <= to);
+    let inside = nodes.partition_point(|n| *n < from - OVERLAP)..nodes.partition_point(|n| *n <= to + OVERLAP);
     let ends = [inside.start.checked_sub(1)?, inside.end].map(|i| speed_limits.get(i).copied());
     let lowest = speed_limits.get(inside)?.iter().copied().reduce(f64::min)?;
-    (lowest < ends[0]?.min(ends[1]?)).then_some(lowest)
+    (lowest + DEPTH < ends[0]?.min(ends[1]?)).then_some(lowest)
 }
 
 /// The vehicle stands if its speed at the end of a solution is below this, m/s. The tolerance of the solver is 1e-8.
