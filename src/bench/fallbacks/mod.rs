@@ -3,8 +3,8 @@
 //! Each random scene ([`scenes`]) and each planning problem of a map is driven in closed loop, on each surface; the planner
 //! believes the friction that the road has. At every sampled cycle whose plan claims to be proven, the simulation is
 //! branched and the committed plan is executed to standstill without planning again; the verdict assesses the branch
-//! ([`crate::verdict::FallbackJudge`]). A branch that touches something, leaves the road by more than [`OFF_ROAD`], comes to rest more than [`BEYOND`] beyond its
-//! planned stop, or does not come to rest, is a *broken proof*: the gravest fault there is. One that stops more than [`SHORT`]
+//! ([`crate::verdict::FallbackJudge`]). A branch that touches something, leaves the road by more than [`OFF_ROAD`], stops more than [`BEYOND`] beyond its
+//! planned stop, or does not stop, is a *broken proof*: the gravest fault there is. One that stops more than [`SHORT`]
 //! before its planned stop, or brakes harder than the plan said, is counted beside it: it is not what was planned, but no danger.
 //! A branch is counted once, for its gravest fault.
 //!
