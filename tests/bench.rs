@@ -43,31 +43,102 @@ fn writes_the_papers_experiment_in_every_format_with_equal_hashes() {
     assert_eq!(again["hash"], value["hash"]);
 }
 
-/// A wall before one vehicle on three surfaces. Whether the proofs hold is the subject of the benchmark, not of this test.
+/// `bench fallbacks --json -` with more arguments: its result, and the exit code.
+fn fallbacks(folder: &Path, more: &[&str]) -> (Value, Option<i32>) {
+    let output = run(folder, &[&["bench", "fallbacks", "--json", "-", "--quiet"], more].concat());
+    let value = serde_json::from_slice(&output.stdout);
+    (value.unwrap_or_else(|e| panic!("{e}: {}", text(&output.stderr))), output.status.code())
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A wall before one vehicle on three surfaces, and two maps.
 #[test]
 fn fallbacks_are_reported_in_every_format_with_equal_hashes() {
     let folder = tempfile::tempdir().unwrap();
-    let with = |more: &[&str]| {
-        run(folder.path(), &[&["bench", "fallbacks", "--scenes", "1", "--vehicle", "bmw_320i"][..], more].concat())
-    };
+    let maps = folder.path().join("maps");
+    std::fs::create_dir(&maps).unwrap();
+    for name in ["straight_100m.xml", "lane_blocked.xml"] {
+        std::fs::copy(root().join("maps").join(name), maps.join(name)).unwrap();
+    }
+    let small = ["--scenes", "1", "--vehicle", "bmw_320i"];
+    let with = |more: &[&str]| run(folder.path(), &[&["bench", "fallbacks"], &small[..], more].concat());
     let printed = with(&["--csv", "a.csv", "--json", "a.json"]);
-    assert!([Some(0), Some(1)].contains(&printed.status.code()), "{}", text(&printed.stderr));
+    assert_eq!(printed.status.code(), Some(0), "{}{}", text(&printed.stdout), text(&printed.stderr));
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
     let value: Value = serde_json::from_str(&read("a.json")).unwrap();
     let scenes = value["scenes"].as_array().unwrap();
-    let surfaces: Vec<&str> = scenes.iter().map(|s| s["surface"].as_str().unwrap()).collect();
-    assert_eq!(surfaces, ["dry", "wet", "ice"]);
-    assert!(scenes.iter().all(|s| s["kind"] == "wall" && s["cycles"].as_u64() > Some(0)), "{value:#}");
-    let broken: u64 =
-        scenes.iter().flat_map(|s| s["broken"].as_object().unwrap().values()).filter_map(Value::as_u64).sum();
-    assert_eq!(printed.status.code() == Some(0), value["verdict"] == "pass");
-    assert!(broken == 0 || scenes.iter().any(|s| s["worst"].is_string()), "{value:#}");
-    assert_eq!(read("a.csv").lines().count(), 1 + 3);
-    assert!(text(&printed.stdout).contains("broken_proofs"));
-    let again: Value = serde_json::from_slice(&with(&["--json", "-", "--quiet"]).stdout).unwrap();
-    assert_eq!(again["hash"], value["hash"]);
-    // a fault that does not exist is refused before anything is measured
-    assert_eq!(with(&["--inject", "wind=3"]).status.code(), Some(2));
+    let named: Vec<(&str, &str)> =
+        scenes.iter().map(|s| (s["surface"].as_str().unwrap(), s["scene"].as_str().unwrap())).collect();
+    let expected =
+        ["dry", "wet", "ice"].iter().flat_map(|s| ["wall", "lane_blocked.xml", "straight_100m.xml"].map(|n| (*s, n)));
+    assert_eq!(named, expected.collect::<Vec<_>>());
+    assert!(scenes.iter().all(|s| s["cycles"].as_u64() > Some(0) && s["branches"].as_u64() > Some(0)), "{value:#}");
+    assert_eq!((&value["verdict"], &value["broken"]), (&"pass".into(), &0.into()));
+    assert_eq!(read("a.csv").lines().count(), 1 + 3 * 3);
+    let report = text(&printed.stdout);
+    let total = format!("proven stops executed: {}, broken: 0", value["branches"]);
+    for part in ["broken_proofs", "short", &total] {
+        assert!(report.contains(part), "{part}: {report}");
+    }
+    assert_eq!(fallbacks(folder.path(), &small).0["hash"], value["hash"]);
+    // without maps the same random scenes remain
+    let (without, _) = fallbacks(folder.path(), &[&small[..], &["--maps", "off"]].concat());
+    let walls: Vec<&Value> = scenes.iter().filter(|s| s["scene"] == "wall").collect();
+    assert_eq!(without["scenes"].as_array().unwrap().iter().collect::<Vec<_>>(), walls);
+    // refused before anything is measured
+    for (wrong, code, word) in [
+        (&["--inject", "wind=3"][..], 2, "wind"),
+        (&["--scenes", "0", "--maps", "off"], 2, "nothing to run"),
+        (&["--maps", "none"], 3, "none"),
+        (&["--maps", "."], 3, "no scenario"),
+    ] {
+        let output = run(folder.path(), &[&["bench", "fallbacks"], wrong].concat());
+        let error = text(&output.stderr);
+        assert!(output.status.code() == Some(code) && error.contains(word), "{wrong:?}: {error}");
+    }
+}
+
+/// Some hundreds of stops: a random scene and a map, with all vehicles and surfaces. The whole benchmark takes minutes.
+#[test]
+fn no_proven_stop_breaks() {
+    let folder = tempfile::tempdir().unwrap();
+    let maps = folder.path().join("maps");
+    std::fs::create_dir(&maps).unwrap();
+    std::fs::copy(root().join("maps/parked_car.xml"), maps.join("parked_car.xml")).unwrap();
+    let (value, exit) = fallbacks(folder.path(), &["--scenes", "1", "--first", "1"]);
+    let scenes = value["scenes"].as_array().unwrap();
+    let failed: Vec<&Value> = scenes.iter().filter(|s| s["worst"].is_string()).collect();
+    let branches: u64 = scenes.iter().filter_map(|s| s["branches"].as_u64()).sum();
+    assert_eq!((scenes.len(), &value["branches"]), (4 * 3 * 2, &branches.into()));
+    assert!(branches > 400, "{branches}");
+    // a known weakness: the model car claims nothing on this icy map, although its run stops on the road and touches nothing
+    let unproven = scenes.iter().filter(|s| s["proven_cycles"] == 0);
+    let unproven: Vec<_> = unproven.map(|s| [&s["vehicle"], &s["surface"], &s["scene"]]).collect();
+    assert_eq!(unproven, [["f1tenth", "ice", "parked_car.xml"]]);
+    assert_eq!(value["broken"], 0, "{failed:#?}");
+    for check in value["checks"].as_array().unwrap() {
+        assert_eq!((&check["status"], &check["value"]), (&"pass".into(), &0.0.into()), "{failed:#?}");
+    }
+    assert_eq!(exit, Some(0));
+}
+
+/// The benchmark can fail: a road far more slippery than believed and a long dead time break proofs.
+#[test]
+fn strong_faults_break_proven_stops() {
+    let folder = tempfile::tempdir().unwrap();
+    // a gap between two posts
+    let small = ["--scenes", "1", "--first", "2", "--interval", "1", "--vehicle", "bmw_320i"];
+    for fault in ["friction=0.3", "delay=0.8"] {
+        let (value, exit) = fallbacks(folder.path(), &[&small[..], &["--inject", fault]].concat());
+        assert!(value["broken"].as_u64() > Some(0), "{fault}: {value:#}");
+        assert_eq!((&value["verdict"], exit), (&"fail".into(), Some(1)), "{fault}");
+        let scenes = value["scenes"].as_array().unwrap().iter();
+        let mut broken = scenes.filter(|s| s["broken"].as_u64() > Some(0)).peekable();
+        assert!(broken.peek().is_some() && broken.all(|s| s["worst"].is_string()), "{fault}");
+    }
 }
 
 #[test]

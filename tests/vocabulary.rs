@@ -164,9 +164,16 @@ fn the_code_uses_the_standard_terms() {
 
 #[test]
 fn the_help_uses_the_standard_terms() {
-    for command in
-        [&[][..], &["plan"], &["drive"], &["check"], &["bench"], &["bench", "safetlp"], &["bench", "spirals"]]
-    {
+    for command in [
+        &[][..],
+        &["plan"],
+        &["drive"],
+        &["check"],
+        &["bench"],
+        &["bench", "fallbacks"],
+        &["bench", "safetlp"],
+        &["bench", "spirals"],
+    ] {
         let help = stopline(&[command, &["--help"]].concat());
         assert!(help.contains("Exit codes"), "{command:?}: {help}");
         let name = format!("stopline {} --help", command.join(" "));

@@ -95,8 +95,9 @@ impl Fallback {
             Kind::Numbers => "numbers",
             Kind::Contact => "contact",
             Kind::Standstill => "standstill",
-            Kind::Stop => "stop",
+            Kind::Beyond => "beyond",
             Kind::Road => "road",
+            Kind::Short => "short",
             Kind::Braking => "braking",
             Kind::Start => "start",
         })
@@ -127,8 +128,11 @@ enum Kind {
     Numbers,
     Contact,
     Standstill,
-    Stop,
+    /// A stop beyond the planned one.
+    Beyond,
     Road,
+    /// A stop before the planned one: no danger, but not the plan.
+    Short,
     Braking,
     Start,
 }
@@ -316,9 +320,13 @@ fn stop_error(branch: &FallbackBranch<'_>, settings: &Settings) -> Option<(f64, 
 }
 
 fn stops(error: f64, at: f64, settings: &Settings) -> Finding {
-    let (limit, side) = if error > 0.0 { (settings.stop_past, "beyond") } else { (settings.stop_short, "before") };
+    let (kind, limit, side) = if error > 0.0 {
+        (Kind::Beyond, settings.stop_past, "beyond")
+    } else {
+        (Kind::Short, settings.stop_short, "before")
+    };
     let what = format!("stopped {:.2} m {side} the planned stop", Short(error.abs()));
-    Finding::new(Kind::Stop, error.abs(), limit, "m", at, what)
+    Finding::new(kind, error.abs(), limit, "m", at, what)
 }
 
 const NAME: &str = "fallback_stops";
@@ -426,10 +434,10 @@ mod tests {
                 s.cycles[0].plan.trajectory.profile = SpeedProfile::new(knots).unwrap();
             }),
             (Kind::Standstill, "a vehicle that still moves", |s| s.log.samples.truncate(1100)),
-            (Kind::Stop, "a stop 0.15 m beyond the planned one", |s| {
+            (Kind::Beyond, "a stop 0.15 m beyond the planned one", |s| {
                 s.displace(|m| (0.15 * m.time.min(13.0) / 13.0, 0.0));
             }),
-            (Kind::Stop, "a stop 0.4 m before the planned one", |s| {
+            (Kind::Short, "a stop 0.4 m before the planned one", |s| {
                 s.displace(|m| (-0.4 * m.time.min(13.0) / 13.0, 0.0));
             }),
             (Kind::Road, "a hole in the road", |s| {
