@@ -15,7 +15,7 @@
 //! | `stop_proven` | share of cycles with a proven stop | = 1 |
 //! | `fallback_stops` | the worst event in the fallback branches | see [`fallback_stops`] |
 //! | `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk` | filtered extreme | ≤ the limit of the [`ComfortPreset`] |
-//! | `tracking` | lateral distance from the reference pose, m | ≤ [`Settings::tracking`] |
+//! | `tracking` | lateral distance from the reference pose, m | ≤ that of the vehicle's tracking tube, or [`Settings::tracking`] |
 //! | `goal` | goal conditions not met at the best time step | = 0 |
 //! | `stop_needed` | free distance ahead of the final standstill, m | ≤ 10 m |
 //!
@@ -159,7 +159,7 @@ pub fn judge(
         Check::not_applicable("fallback_stops", "", "no fallback branch was simulated"),
     ];
     checks.extend(comfort::comfort(vehicle, log, settings));
-    checks.push(tracking::tracking(log, settings));
+    checks.push(tracking::tracking(vehicle, log, settings));
     checks.push(goal::goal(scenario, problem, vehicle, log, ahead.as_ref()));
     checks.push(stop_needed::stop_needed(problem, ahead.as_ref(), settings));
     Verdict { checks }
@@ -572,6 +572,6 @@ mod tests {
                 m.reference_pose.position += m.pose.left() * bump(m.time, 6.0, 1.0, 0.3);
             }
         });
-        assert_eq!(aside, "0.30 m to the right of the reference pose at 6.50 s; limit 0.25 m");
+        assert_eq!(aside, "0.300 m to the right of the reference pose at 6.50 s; limit 0.210 m");
     }
 }

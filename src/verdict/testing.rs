@@ -16,7 +16,7 @@ use crate::map::{
 use crate::planner::Cycle;
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedProfile, Trajectory};
-use crate::vehicle::{Comfort, Footprint, Vehicle};
+use crate::vehicle::{Comfort, Footprint, TrackingTube, Vehicle};
 
 pub(super) use crate::fixtures::cycle;
 
@@ -183,7 +183,7 @@ pub(super) fn bump(time: f64, from: f64, length: f64, height: f64) -> f64 {
     if (0.0..=1.0).contains(&u) { 0.5 * height * (1.0 - (2.0 * PI * u).cos()) } else { 0.0 }
 }
 
-/// A car with the comfort limits of the SafeTLP paper.
+/// A car with the comfort limits of the SafeTLP paper and a narrow tracking tube.
 fn car() -> Vehicle {
     let comfort = Comfort {
         acceleration: 1.5,
@@ -192,5 +192,7 @@ fn car() -> Vehicle {
         lateral_acceleration: 3.0,
         jerk: 2.5,
     };
-    Vehicle { comfort, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.422)) }
+    let tracking =
+        TrackingTube { speed: [30.0, 20.0], lateral: [0.05, 0.16], longitudinal: [0.03, 0.1], heading: [0.03, 0.06] };
+    Vehicle { comfort, tracking, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.422)) }
 }
