@@ -6,14 +6,14 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::{Settings, Verdict, judge};
+use super::{PlannedFor, Settings, Verdict, judge};
 use crate::fixtures::{self, knot};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::{Point, Pose};
 use crate::map::{
     Goal, Interval, Lanelet, Motion, Obstacle, ObstacleKind, PlanningProblem, Scenario, Shape, TimedPose,
 };
-use crate::planner::Cycle;
+use crate::planner::{self, Cycle};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedProfile, Trajectory};
 use crate::vehicle::{Comfort, Footprint, TrackingTube, Vehicle};
@@ -76,6 +76,7 @@ pub(super) struct Story {
     pub(super) scenario: Scenario,
     pub(super) vehicle: Vehicle,
     pub(super) cycles: Vec<Cycle>,
+    pub(super) planner: planner::Settings,
     pub(super) log: Log,
     pub(super) settings: Settings,
 }
@@ -113,7 +114,15 @@ impl Story {
             })
             .collect();
         let log = Log { samples, contact: None, broke_at: None };
-        Self { place, scenario, vehicle, cycles, log, settings: Settings::default() }
+        Self {
+            place,
+            scenario,
+            vehicle,
+            cycles,
+            planner: planner::Settings::default(),
+            log,
+            settings: Settings::default(),
+        }
     }
 
     pub(super) fn problem(&mut self) -> &mut PlanningProblem {
@@ -135,8 +144,9 @@ impl Story {
     }
 
     pub(super) fn judge(&self) -> Verdict {
-        let Self { scenario, vehicle, cycles, log, settings, .. } = self;
-        judge(scenario, &scenario.problems[0], vehicle, cycles, log, settings)
+        let Self { scenario, vehicle, cycles, planner, log, settings, .. } = self;
+        let planned_for = PlannedFor { settings: planner, friction: 1.0 };
+        judge(scenario, &scenario.problems[0], vehicle, (cycles, planned_for), log, settings)
     }
 
     /// Names of the checks that fail.
