@@ -3,7 +3,7 @@
 mod common;
 
 use common::{VEHICLE, bundled, driven, failures};
-use stopline::drive::Outcome;
+use stopline::drive::{Outcome, Settings};
 use stopline::geometry::{Point, Pose};
 use stopline::map::{Cell, OccupancyGrid, Scenario};
 use stopline::simulation::Touched;
@@ -104,8 +104,9 @@ fn driving_through_occupied_cells_fails_the_verdict() {
     let run = driven(&empty);
     let (scenario, _) = walled(0.0);
     let verdict = |scenario: &Scenario| {
-        let settings = verdict::Settings::default();
-        let checks = verdict::judge(scenario, &scenario.problems[0], &VEHICLE, &run.cycles, &run.log, &settings).checks;
+        let (settings, defaults) = (verdict::Settings::default(), Settings::default());
+        let plans = (&run.cycles[..], defaults.planned_for());
+        let checks = verdict::judge(scenario, &scenario.problems[0], &VEHICLE, plans, &run.log, &settings).checks;
         checks.into_iter().find(|c| c.name == "no_contact").unwrap()
     };
     assert!(verdict(&empty).passed());

@@ -189,7 +189,9 @@ fn a_start_inside_a_wall_is_a_collision_with_its_reason() {
 
 fn judged(run: &Run, scenario: &Scenario) -> Vec<&'static str> {
     let settings = verdict::Settings::expecting(Expectation::Goal);
-    let verdict = verdict::judge(scenario, run.problem, run.vehicle, &run.cycles, &run.log, &settings);
+    let defaults = Settings::default();
+    let planned_for = defaults.planned_for();
+    let verdict = verdict::judge(scenario, run.problem, run.vehicle, (&run.cycles, planned_for), &run.log, &settings);
     verdict.failures().map(|c| c.name).collect()
 }
 
@@ -201,11 +203,16 @@ fn the_verdict_detects_an_obstacle_added_on_the_driven_path() {
     let middle = VEHICLE.centre_of_rear_axle(&run.log.samples[run.log.samples.len() / 2].pose);
     let mut on_the_path = scenario.clone();
     on_the_path.obstacles.push(standing(middle, 0.3, 0.3));
-    assert_eq!(judged(&run, &on_the_path), ["no_contact"]);
-    let mut beside = scenario.clone();
-    let left = Pose { position: middle.to_world(Point::new(0.0, 0.5 * VEHICLE.width + 0.3)), yaw: middle.yaw };
-    beside.obstacles.push(standing(left, 0.3, 0.3));
-    assert_eq!(judged(&run, &beside), [""; 0], "0.15 m beside the footprint is no contact");
+    assert_eq!(judged(&run, &on_the_path), ["no_contact", "claims_margin"]);
+    let beside = |gap: f64| {
+        let mut beside = scenario.clone();
+        let to_the_left = Point::new(0.0, 0.5 * VEHICLE.width + 0.15 + gap);
+        let left = Pose { position: middle.to_world(to_the_left), yaw: middle.yaw };
+        beside.obstacles.push(standing(left, 0.3, 0.3));
+        judged(&run, &beside)
+    };
+    assert_eq!(beside(0.12), ["claims_margin"], "0.12 m beside the footprint is no contact");
+    assert_eq!(beside(0.3), [""; 0], "plans keep 0.2 m");
 }
 
 #[test]

@@ -90,7 +90,7 @@ struct Tolerances {
 }
 
 /// Cars track within a decimetre. The truck has twice the brake lag and softer tyres, and the robot car is a tenth of a
-/// car long: both have to keep the verdict's limit of tracking.
+/// car long: both stay within a quarter of a metre.
 fn tolerances(name: &str) -> Tolerances {
     match name {
         "truck" => Tolerances { error: 0.25, overshoot: 0.01, max_speed: 22.0 },

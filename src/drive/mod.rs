@@ -221,7 +221,7 @@ pub fn drive_with<'a>(
         }
     }
     run.explain();
-    run.judge(&settings.verdict, branches);
+    run.judge(settings, branches);
     Ok(run)
 }
 
@@ -402,10 +402,11 @@ impl<'a> Run<'a> {
     }
 
     /// Judges the run: a safe stop as a stop, every other outcome by the goal.
-    fn judge(&mut self, settings: &verdict::Settings, branches: FallbackBranches<'_>) {
+    fn judge(&mut self, settings: &Settings, branches: FallbackBranches<'_>) {
         let expect = if self.outcome == Outcome::StoppedSafely { Expectation::Stop } else { Expectation::Goal };
-        let settings = verdict::Settings { expect, ..*settings };
-        self.verdict = verdict::judge(self.scenario, self.problem, self.vehicle, &self.cycles, &self.log, &settings);
+        let plans = (&self.cycles[..], settings.planned_for());
+        let settings = verdict::Settings { expect, ..settings.verdict };
+        self.verdict = verdict::judge(self.scenario, self.problem, self.vehicle, plans, &self.log, &settings);
         let (fallbacks, left_out) = branches.finish();
         self.verdict.replace(verdict::fallback_stops(&fallbacks, left_out, &settings.fallbacks));
         self.fallbacks = fallbacks;

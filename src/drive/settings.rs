@@ -65,6 +65,12 @@ impl Settings {
         self.friction.iter().map(|region| region.factor).fold(1.0, f64::min) * self.simulation.friction_scale
     }
 
+    /// What the claims of plans refer to.
+    #[must_use]
+    pub fn planned_for(&self) -> verdict::PlannedFor<'_> {
+        verdict::PlannedFor { settings: &self.planner, friction: self.believed_friction() }
+    }
+
     /// Checks the range of every value, table by table.
     ///
     /// # Errors

@@ -78,13 +78,17 @@ pub(super) fn nearest_obstacle<'a>(
     vehicle: &Vehicle,
     places: &[Place],
 ) -> Option<Nearest> {
-    let bodies: Vec<Body> = obstacles.into_iter().map(Body::new).collect();
+    nearest_body(&obstacles.into_iter().map(Body::new).collect::<Vec<_>>(), vehicle, places)
+}
+
+/// [`nearest_obstacle`] of obstacles that are divided already.
+pub(super) fn nearest_body(bodies: &[Body<'_>], vehicle: &Vehicle, places: &[Place]) -> Option<Nearest> {
     let reach = 0.5 * vehicle.length.hypot(vehicle.width);
     let mut best: Option<Nearest> = None;
     for place in places {
         let footprint = footprint_at(vehicle, &place.pose);
         let centre = vehicle.centre_of_rear_axle(&place.pose).position;
-        for body in &bodies {
+        for body in bodies {
             let floor = best.map_or(f64::INFINITY, |b| b.gap);
             let gap = body.gap_at(place.time, &footprint, centre, reach, floor);
             if gap < floor {

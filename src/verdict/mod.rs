@@ -3,8 +3,8 @@
 //! The verdict must be able to contradict the planner, so it shares no code with it. Its geometry (`shapes`) is slow and
 //! simple: dense sampling, the separating-axis theorem and the winding number; the planner uses swept footprints and
 //! bounding-volume trees. Planning records are read only for questions about plans: whether a stop was proven
-//! (`stop_proven`), where a stop was planned (`stops`), what a fallback claims (`fallback_stops`) and how often the plan
-//! changed ([`Metrics`]).
+//! (`stop_proven`), what a plan claims (`claims_margin`, `claims_deceleration`, `fallback_stops`), where a stop was planned
+//! (`stops`) and how often the plan changed ([`Metrics`]).
 //!
 //! | Check | Value | Passes if |
 //! |---|---|---|
@@ -13,9 +13,11 @@
 //! | `stays_on_road` | largest excursion of the footprint, m | ≤ [`Settings::road_tolerance`] |
 //! | `stops` | distance from the planned stop, m | ≤ [`Settings::stop_short`] before it, [`Settings::stop_past`] beyond it |
 //! | `stop_proven` | share of cycles with a proven stop | = 1 |
+//! | `claims_margin` | largest depth of anything static inside the margins of a plan with a proof, m | ≤ 0.02 m, and every such plan is drivable |
+//! | `claims_deceleration` | largest deceleration of such a plan beyond what it claims and its level permits, m/s² | ≤ 0.05 m/s² |
 //! | `fallback_stops` | the worst event in the fallback branches | see [`fallback_stops`] |
 //! | `comfort_longitudinal`, `comfort_lateral`, `comfort_jerk`, `comfort_lateral_jerk` | filtered extreme | ≤ the limit of the [`ComfortPreset`] |
-//! | `tracking` | lateral distance from the reference pose, m | ≤ [`Settings::tracking`] |
+//! | `tracking` | lateral distance from the reference pose, m | ≤ that of the vehicle's tracking tube, or [`Settings::tracking`] |
 //! | `goal` | goal conditions not met at the best time step | = 0 |
 //! | `stop_needed` | free distance ahead of the final standstill, m | ≤ 10 m |
 //!
@@ -34,6 +36,7 @@
 mod cause;
 mod cells;
 mod check;
+mod claims;
 mod comfort;
 mod contact;
 mod fallback;
@@ -54,6 +57,7 @@ mod tracking;
 
 pub use cause::{Cause, Impact, Side};
 pub use check::{Check, Status};
+pub use claims::PlannedFor;
 pub(crate) use comfort::jerk_limit;
 pub use contact::Thing;
 pub use fallback::{Fallback, FallbackBranch, FallbackJudge, fallback_stops};
@@ -69,12 +73,14 @@ use crate::simulation::{Log, Sample};
 use crate::vehicle::{State, Vehicle};
 
 /// The names of all checks, in the order in which every verdict lists them.
-pub const CHECKS: [&str; 13] = [
+pub const CHECKS: [&str; 15] = [
     "simulation",
     "no_contact",
     "stays_on_road",
     "stops",
     "stop_proven",
+    "claims_margin",
+    "claims_deceleration",
     "fallback_stops",
     "comfort_longitudinal",
     "comfort_lateral",
@@ -134,7 +140,7 @@ pub fn judge(
     scenario: &Scenario,
     problem: &PlanningProblem,
     vehicle: &Vehicle,
-    cycles: &[Cycle],
+    (cycles, planned_for): (&[Cycle], PlannedFor<'_>),
     log: &Log,
     settings: &Settings,
 ) -> Verdict {
@@ -156,10 +162,11 @@ pub fn judge(
         road::stays_on_road(&scenario.network, vehicle, log, settings),
         stops::stops(cycles, log, settings),
         stops::stop_proven(cycles),
-        Check::not_applicable("fallback_stops", "", "no fallback branch was simulated"),
     ];
+    checks.extend(claims::check(scenario, vehicle, cycles, planned_for, settings));
+    checks.push(Check::not_applicable("fallback_stops", "", "no fallback branch was simulated"));
     checks.extend(comfort::comfort(vehicle, log, settings));
-    checks.push(tracking::tracking(log, settings));
+    checks.push(tracking::tracking(vehicle, log, settings));
     checks.push(goal::goal(scenario, problem, vehicle, log, ahead.as_ref()));
     checks.push(stop_needed::stop_needed(problem, ahead.as_ref(), settings));
     Verdict { checks }
@@ -305,6 +312,15 @@ mod tests {
                 committed.profile = crate::trajectory::SpeedProfile::new(knots).unwrap();
             }),
             ("stop_proven", "no cycle at all", |s| s.cycles.clear()),
+            ("claims_margin", "a parked car within the margins of the plan", |s| {
+                s.scenario.obstacles[0] = s.place.parked(100, 60.0, 1.82);
+            }),
+            ("claims_margin", "a lane that is too narrow for the tracking errors", |s| {
+                s.scenario.network.lanelets.insert(2, s.place.lanelet(2, (70.0, 130.0), -0.82, 1.75));
+            }),
+            ("claims_deceleration", "plans that claim to brake at 0.5 m/s²", |s| {
+                s.cycles.iter_mut().for_each(|c| c.plan.deceleration = 0.5);
+            }),
             ("comfort_longitudinal", "an acceleration of 2 m/s²", |s| {
                 for m in &mut s.log.samples {
                     m.acceleration += bump(m.time, 1.0, 3.0, 2.0);
@@ -355,8 +371,12 @@ mod tests {
             let mut story = Story::clean();
             break_it(&mut story);
             let failures = story.failures();
-            // a NaN may fail further checks, which come later
-            let judged = if name == "simulation" { &failures[..1] } else { &failures[..] };
+            // a NaN may fail further checks, which come later; what the plan ignores breaks its claims, too
+            let is_claim = |f: &str| f.starts_with("claims_");
+            let judged: Vec<&str> = match name {
+                "simulation" => failures[..1].to_vec(),
+                _ => failures.iter().copied().filter(|f| is_claim(name) || !is_claim(f)).collect(),
+            };
             assert_eq!(judged, [name], "{what}: fails {failures:?}");
         }
     }
@@ -465,6 +485,8 @@ mod tests {
     fn a_post_between_the_parts_of_a_footprint_is_no_contact() {
         use crate::geometry::Point;
         use crate::vehicle::Footprint;
+        const MARGIN: [&str; 1] = ["claims_margin"];
+        const BOTH: [&str; 2] = ["no_contact", "claims_margin"];
         let prong = |right: f64, left: f64| {
             [(-0.8, right), (3.6, right), (3.6, left), (-0.8, left)].map(|(x, y)| Point::new(x, y)).to_vec()
         };
@@ -472,7 +494,7 @@ mod tests {
         s.vehicle.footprint = Footprint::new(vec![prong(-0.8, -0.3), prong(0.3, 0.8)]).unwrap();
         let mut post = s.place.parked(7, 40.0, 0.0);
         for (y, failures) in
-            [(0.0, &[][..]), (0.15, &[]), (0.25, &["no_contact"]), (-0.25, &["no_contact"]), (-1.0, &[])]
+            [(0.0, &[][..]), (0.15, &MARGIN), (0.25, &BOTH), (-0.25, &BOTH), (-1.0, &MARGIN), (-1.2, &[])]
         {
             post.shape = crate::map::Shape::rectangle(0.2, 0.2);
             post.motion = crate::map::Motion::Static(s.place.pose(40.0, y, 0.0));
@@ -488,7 +510,7 @@ mod tests {
             s.scenario.network.lanelets.insert(2, s.place.lanelet(2, (0.0, 130.0), gap.1, 1.75));
             s.failures()
         };
-        assert_eq!(strips((-0.25, 0.25)), [""; 0]);
+        assert_eq!(strips((-0.15, 0.15)), [""; 0]);
         assert_eq!(strips((0.2, 0.5)), ["stays_on_road"]);
     }
 
@@ -572,6 +594,6 @@ mod tests {
                 m.reference_pose.position += m.pose.left() * bump(m.time, 6.0, 1.0, 0.3);
             }
         });
-        assert_eq!(aside, "0.30 m to the right of the reference pose at 6.50 s; limit 0.25 m");
+        assert_eq!(aside, "0.300 m to the right of the reference pose at 6.50 s; limit 0.210 m");
     }
 }

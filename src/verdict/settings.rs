@@ -23,8 +23,10 @@ pub struct Settings {
     pub stop_past: f64,
     /// Largest speed at standstill, m/s.
     pub standstill_speed: f64,
-    /// Largest lateral distance from the reference pose, m.
-    pub tracking: f64,
+    /// Largest lateral distance from the reference pose, m. By default that of the vehicle's tracking tube with full use of the
+    /// grip that proofs may use.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<f64>,
     /// Comfort limit preset.
     pub comfort: ComfortPreset,
     /// Share by which the driven motion may exceed the limits of the vehicle, which the planner uses: the part of the tracking
@@ -46,7 +48,7 @@ impl Default for Settings {
             stop_short: 0.3,
             stop_past: 0.1,
             standstill_speed: 0.05,
-            tracking: 0.25,
+            tracking: None,
             comfort: ComfortPreset::default(),
             comfort_margin: 0.1,
             comfort_cutoff: 2.0,
@@ -107,7 +109,7 @@ impl Settings {
             ("stop_short", self.stop_short, 0.0, 10.0, "from 0 to 10 m"),
             ("stop_past", self.stop_past, 0.0, 10.0, "from 0 to 10 m"),
             ("standstill_speed", self.standstill_speed, 0.001, 0.5, "from 0.001 to 0.5 m/s"),
-            ("tracking", self.tracking, 0.0, 5.0, "from 0 to 5 m"),
+            ("tracking", self.tracking.unwrap_or(0.0), 0.0, 5.0, "from 0 to 5 m"),
             ("comfort_margin", self.comfort_margin, 0.0, 1.0, "from 0 to 1"),
             ("comfort_cutoff", self.comfort_cutoff, 0.1, 10.0, "from 0.1 to 10 Hz"),
             ("fallbacks.interval", self.fallbacks.interval, 0.05, 3600.0, "from 0.05 to 3600 s"),

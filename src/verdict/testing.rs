@@ -6,17 +6,17 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::{Settings, Verdict, judge};
+use super::{PlannedFor, Settings, Verdict, judge};
 use crate::fixtures::{self, knot};
 use crate::geometry::polyline::Polyline;
 use crate::geometry::{Point, Pose};
 use crate::map::{
     Goal, Interval, Lanelet, Motion, Obstacle, ObstacleKind, PlanningProblem, Scenario, Shape, TimedPose,
 };
-use crate::planner::Cycle;
+use crate::planner::{self, Cycle};
 use crate::simulation::{Log, Sample};
 use crate::trajectory::{Path, SpeedProfile, Trajectory};
-use crate::vehicle::{Comfort, Footprint, Vehicle};
+use crate::vehicle::{Comfort, Footprint, TrackingTube, Vehicle};
 
 pub(super) use crate::fixtures::cycle;
 
@@ -76,6 +76,7 @@ pub(super) struct Story {
     pub(super) scenario: Scenario,
     pub(super) vehicle: Vehicle,
     pub(super) cycles: Vec<Cycle>,
+    pub(super) planner: planner::Settings,
     pub(super) log: Log,
     pub(super) settings: Settings,
 }
@@ -113,7 +114,15 @@ impl Story {
             })
             .collect();
         let log = Log { samples, contact: None, broke_at: None };
-        Self { place, scenario, vehicle, cycles, log, settings: Settings::default() }
+        Self {
+            place,
+            scenario,
+            vehicle,
+            cycles,
+            planner: planner::Settings::default(),
+            log,
+            settings: Settings::default(),
+        }
     }
 
     pub(super) fn problem(&mut self) -> &mut PlanningProblem {
@@ -135,8 +144,9 @@ impl Story {
     }
 
     pub(super) fn judge(&self) -> Verdict {
-        let Self { scenario, vehicle, cycles, log, settings, .. } = self;
-        judge(scenario, &scenario.problems[0], vehicle, cycles, log, settings)
+        let Self { scenario, vehicle, cycles, planner, log, settings, .. } = self;
+        let planned_for = PlannedFor { settings: planner, friction: 1.0 };
+        judge(scenario, &scenario.problems[0], vehicle, (cycles, planned_for), log, settings)
     }
 
     /// Names of the checks that fail.
@@ -183,7 +193,7 @@ pub(super) fn bump(time: f64, from: f64, length: f64, height: f64) -> f64 {
     if (0.0..=1.0).contains(&u) { 0.5 * height * (1.0 - (2.0 * PI * u).cos()) } else { 0.0 }
 }
 
-/// A car with the comfort limits of the SafeTLP paper.
+/// A car with the comfort limits of the SafeTLP paper and a narrow tracking tube.
 fn car() -> Vehicle {
     let comfort = Comfort {
         acceleration: 1.5,
@@ -192,5 +202,7 @@ fn car() -> Vehicle {
         lateral_acceleration: 3.0,
         jerk: 2.5,
     };
-    Vehicle { comfort, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.422)) }
+    let tracking =
+        TrackingTube { speed: [30.0, 25.0, 20.0], lateral: [0.05, 0.16], longitudinal: [0.03, 0.1], heading: [0.03, 0.06] };
+    Vehicle { comfort, tracking, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.422)) }
 }

@@ -18,7 +18,8 @@ use stopline::drive::{Driver, MotionPlanner, Run, Settings, drive_with};
 use stopline::map::Scenario;
 use stopline::planner::Cycle;
 use stopline::simulation::TrackingController;
-use stopline::vehicle::Vehicle;
+use stopline::vehicle::{Vehicle, load};
+use stopline::verdict::ComfortPreset;
 
 /// The kind of fault.
 enum Mistake {
@@ -34,6 +35,8 @@ enum Mistake {
     Trusts,
     /// The planner gets wrong inputs on a slippery road.
     OnIce(fn(&mut Belief)),
+    /// The plans are changed, in a run that begins too fast for the gentle levels.
+    InAHurry(fn(&mut Cycle)),
     /// The controller has a fault.
     Controller(Flaw),
     /// No fault.
@@ -46,6 +49,10 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
     if let Mistake::OnIce(_) = mistake {
         truth.settings.simulation.friction_scale = ICE;
     }
+    if let Mistake::InAHurry(_) = mistake {
+        // the limits of an emergency: 4 m/s², and no limit of jerk beyond the vehicle's
+        truth.settings.verdict.comfort = ComfortPreset::R157;
+    }
     let mut belief = truth.clone();
     match mistake {
         Mistake::Sees(change) | Mistake::OnIce(change) => change(&mut belief),
@@ -53,7 +60,10 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
         _ => {}
     }
     let real = Believer::new(&belief);
-    let change = if let Mistake::HandsOut(change) = mistake { *change } else { unchanged };
+    let change = match mistake {
+        Mistake::HandsOut(change) | Mistake::InAHurry(change) => *change,
+        _ => unchanged,
+    };
     let mut mutant: Box<dyn MotionPlanner> = match mistake {
         Mistake::IsLate => Box::new(Late { planner: real, waiting: VecDeque::new() }),
         Mistake::PlansOnce | Mistake::Trusts => Box::new(Once { planner: real, first: None }),
@@ -69,8 +79,15 @@ fn driven<'a>(scenario: &'a Scenario, vehicle: &'a Vehicle, mistake: &Mistake) -
 
 /// One mutant: the bundled scenario, the check that has to fail, and the fault.
 fn is_caught(name: &str, on: &str, vehicle: &Vehicle, check: &str, mistake: &Mistake) {
-    let scenario = bundled(on);
-    let no_mistake = if let Mistake::OnIce(_) = mistake { Mistake::OnIce(|_| ()) } else { Mistake::None };
+    let mut scenario = bundled(on);
+    let no_mistake = match mistake {
+        Mistake::OnIce(_) => Mistake::OnIce(|_| ()),
+        Mistake::InAHurry(_) => Mistake::InAHurry(unchanged),
+        _ => Mistake::None,
+    };
+    if let Mistake::InAHurry(_) = mistake {
+        scenario.problems[0].initial.speed = HURRY;
+    }
     let twin = driven(&scenario, vehicle, &no_mistake);
     assert!(twin.verdict.pass(), "{name}: the twin on {on} fails: {:#?}", failures(&twin));
     let mutant = driven(&scenario, vehicle, mistake);
@@ -101,10 +118,23 @@ fn stiff() -> Vehicle {
     vehicle
 }
 
+/// A vehicle whose passengers accept any jerk.
+fn firm() -> Vehicle {
+    let mut vehicle = VEHICLE.clone();
+    vehicle.comfort.jerk = 10.0;
+    vehicle
+}
+
+fn truck() -> Vehicle {
+    load("truck").unwrap()
+}
+
+/// Speed at the start from which only an emergency level stops in front of `lane_blocked`, m/s.
+const HURRY: f64 = 18.0;
 /// Friction of ice.
 const ICE: f64 = 0.15;
 
-use Mistake::{Controller, HandsOut, IsLate, OnIce, PlansOnce, Sees, Trusts};
+use Mistake::{Controller, HandsOut, InAHurry, IsLate, OnIce, PlansOnce, Sees, Trusts};
 
 mutants! {
     obstacle_ignored on parked_car, VEHICLE, by no_contact: Sees(planners::no_obstacles);
@@ -119,7 +149,8 @@ mutants! {
     friction_believed_too_high on parked_car, VEHICLE, by fallback_stops: OnIce(planners::dry_road);
     committed_plan_not_verified on lead_brakes_hard, VEHICLE, by no_contact: Trusts;
     road_borders_ignored on lane_blocked, VEHICLE, by stays_on_road: Sees(planners::wider_road);
-    curvature_bound_ignored on parked_car, stiff(), by tracking: Sees(planners::any_curvature);
+    curvature_bound_ignored on parked_car, stiff(), by claims_margin: Sees(planners::any_curvature);
+    tube_halved on parked_car, truck(), by claims_margin: Sees(planners::half_the_tube);
     comfort_limits_doubled on straight_100m, VEHICLE, by comfort_longitudinal: Sees(planners::twice_the_comfort);
     lateral_limit_ignored on s_curve, VEHICLE, by comfort_lateral: Sees(planners::any_lateral_acceleration);
     goal_claimed_falsely on straight_100m, VEHICLE, by stop_needed: Sees(planners::another_goal);
@@ -127,16 +158,17 @@ mutants! {
     stop_later_than_proven on lane_blocked, VEHICLE, by fallback_stops: HandsOut(planners::stops_too_late);
     plan_without_an_end on straight_100m, VEHICLE, by stop_proven: HandsOut(planners::never_stops);
     deceleration_understated on straight_100m, VEHICLE, by fallback_stops: HandsOut(planners::deceleration_understated);
+    level_reported_too_low on lane_blocked, firm(), by claims_deceleration: InAHurry(planners::gentlest_level);
     clock_half_a_second_early on straight_100m, VEHICLE, by comfort_jerk: HandsOut(planners::half_a_second_early);
     path_offset_to_the_left on slalom, VEHICLE, by tracking: HandsOut(planners::aside);
     path_mirrored on s_curve, VEHICLE, by stays_on_road: HandsOut(planners::mirrored);
     never_replans on straight_100m, VEHICLE, by stop_needed: PlansOnce;
     plans_late on straight_100m, VEHICLE, by comfort_jerk: IsLate;
-    steering_feedback_of_the_wrong_sign on s_curve, VEHICLE, by tracking: Controller(Flaw::WrongSign);
+    steering_feedback_of_the_wrong_sign on s_curve, VEHICLE, by stays_on_road: Controller(Flaw::WrongSign);
     controller_without_feed_forward on s_curve, VEHICLE, by tracking: Controller(Flaw::NoFeedForward);
     brakes_off on lane_blocked, VEHICLE, by no_contact: Controller(Flaw::NoBrakes);
     jerk_unbounded on straight_100m, VEHICLE, by comfort_jerk: Controller(Flaw::AllOrNothing);
-    stop_past_the_line on straight_100m, VEHICLE, by stops: Controller(Flaw::HalfAMetreBehind);
+    stop_past_the_line on straight_100m, VEHICLE, by fallback_stops: Controller(Flaw::HalfAMetreBehind);
 }
 
 /// The table in the docs and the list above agree.

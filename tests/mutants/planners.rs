@@ -7,7 +7,7 @@ use stopline::geometry::polyline::Polyline;
 use stopline::geometry::spiral::CubicSpiral;
 use stopline::geometry::{Point, Pose};
 use stopline::map::{GoalPosition, Motion, Part, Scenario, TimedPose};
-use stopline::planner::{Cycle, Decision, Observation, Plan, Planner, PlannerError};
+use stopline::planner::{Cycle, Decision, Level, Observation, Plan, Planner, PlannerError};
 use stopline::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 use stopline::vehicle::{Footprint, Vehicle};
 
@@ -105,6 +105,14 @@ pub(crate) fn dry_road(belief: &mut Belief) {
 
 pub(crate) fn constant_velocity_prediction(belief: &mut Belief) {
     belief.settings.observation.prediction = PredictionMode::ConstantVelocity;
+}
+
+/// The vehicle is believed to follow its plans twice as closely.
+pub(crate) fn half_the_tube(belief: &mut Belief) {
+    let tube = &mut belief.vehicle.tracking;
+    for bound in [&mut tube.lateral, &mut tube.longitudinal, &mut tube.heading].into_iter().flatten() {
+        *bound *= 0.5;
+    }
 }
 
 pub(crate) fn twice_the_comfort(belief: &mut Belief) {
@@ -298,6 +306,13 @@ pub(crate) fn deceleration_understated(cycle: &mut Cycle) {
     if cycle.plan.decision == Decision::NewPlan {
         let deceleration = &mut cycle.plan.deceleration;
         *deceleration = 0.5;
+    }
+}
+
+/// The record of a proven plan claims the gentlest level.
+pub(crate) fn gentlest_level(cycle: &mut Cycle) {
+    if cycle.plan.level.is_proven() {
+        cycle.plan.level = Level::Comfort;
     }
 }
 
