@@ -202,7 +202,11 @@ fn car() -> Vehicle {
         lateral_acceleration: 3.0,
         jerk: 2.5,
     };
-    let tracking =
-        TrackingTube { speed: [30.0, 25.0, 20.0], lateral: [0.05, 0.16], longitudinal: [0.03, 0.1], heading: [0.03, 0.06] };
+    let tracking = TrackingTube {
+        speed: [30.0, 25.0, 20.0],
+        lateral: [0.05, 0.16],
+        longitudinal: [0.03, 0.1],
+        heading: [0.03, 0.06],
+    };
     Vehicle { comfort, tracking, ..fixtures::vehicle_with(Footprint::rectangle(4.508, 1.61, 1.422)) }
 }
