@@ -262,7 +262,23 @@ mod tests {
     }
 
     #[test]
-    fn a_vehicle_inside_its_tube_goes_on_along_its_plan_and_one_outside_begins_where_it_is() {
+    fn the_tube_grows_by_what_a_deviation_exceeds_it() {
+        let tube = Tube::with(&load("truck").unwrap(), &used(0.3, 0.2));
+        let inside = Deviation { lateral: 0.5 * tube.error.lateral, longitudinal: tube.error.longitudinal };
+        assert_eq!(tube.containing(&inside), tube);
+        let aside = Deviation { lateral: tube.error.lateral + 0.25, longitudinal: tube.error.longitudinal + 0.5 };
+        let wide = tube.containing(&aside);
+        assert!((wide.margins.static_obstacles.lateral - tube.margins.static_obstacles.lateral - 0.25).abs() < 1e-12);
+        assert!(
+            (wide.margins.moving_obstacles.longitudinal - tube.margins.moving_obstacles.longitudinal - 0.5).abs()
+                < 1e-12
+        );
+        assert!((wide.margins.road - tube.margins.road - 0.25).abs() < 1e-12);
+        assert!((wide.error.lateral - aside.lateral).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_vehicle_near_its_plan_goes_on_along_it_and_one_beside_it_begins_where_it_is() {
         let scenario = straight();
         let tube = load("bmw_320i").unwrap().tracking.at(&GripUse::default());
         let begins_at_vehicle = |ahead, left| {
@@ -272,9 +288,12 @@ mod tests {
         for side in [-1.0, 1.0] {
             assert!(!begins_at_vehicle(0.0, side * 0.9 * tube.lateral));
             assert!(!begins_at_vehicle(side * 0.9 * tube.longitudinal, 0.0));
-            // wider than the tube of the stop of this plan
-            assert!(begins_at_vehicle(0.0, side * 0.3));
-            assert!(begins_at_vehicle(side * 0.3, 0.0));
+            // outside of the tube, with margins that contain the vehicle
+            assert!(!begins_at_vehicle(0.0, side * 0.3));
+            assert!(!begins_at_vehicle(side * 0.3, 0.0));
+            // half the width is 0.81 m; in a lag of 0.1 s the vehicle drives less than 1 m
+            assert!(begins_at_vehicle(0.0, side * 0.85));
+            assert!(begins_at_vehicle(side * 1.2, 0.0));
         }
     }
 
