@@ -3,7 +3,8 @@
 //! # A cycle
 //!
 //! 1. It starts from the committed trajectory, so that the setpoints stay continuous, where the vehicle will be when the brakes
-//!    can respond (`lead`). A vehicle outside of the tracking tube of its plan (`tube`) starts from its measured state instead.
+//!    can respond (`lead`). If the vehicle is beside its plan, or the plan does not hold where the vehicle is
+//!    (`tube`), it starts from the measured state instead.
 //! 2. It builds lattice paths on every lane that leads to the goal.
 //! 3. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
 //!    stop is proven**.
