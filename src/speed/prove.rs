@@ -301,6 +301,27 @@ mod tests {
         assert!(matches!(prove(&gentle, &cruise_and_brake(2.0)), Err(ProofViolation::TooHard { .. })));
     }
 
+    /// 5 % of a limit, whatever the limit is: at 4 m/s, 0.7 m/s would be 38 % of lateral acceleration.
+    #[test]
+    fn forgives_a_share_of_a_speed_limit() {
+        for limit in [4.0, 12.0] {
+            for (share, is_proven) in [(1.04, true), (1.06, false)] {
+                let speed = share * limit;
+                let knot =
+                    |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };
+                let stop = (speed / 2.0, speed * speed / 4.0);
+                let profile = SpeedProfile::new(vec![
+                    knot(0.0, 0.0, speed, 0.0),
+                    knot(20.0 / speed, 20.0, speed, -2.0),
+                    knot(20.0 / speed + stop.0, 20.0 + stop.1, 0.0, 0.0),
+                ]);
+                let mut problem = empty_road(80.0, 0.0);
+                problem.speed_limits.fill(limit);
+                assert_eq!(prove(&problem, &profile.unwrap()).is_ok(), is_proven, "{speed} m/s, limit {limit} m/s");
+            }
+        }
+    }
+
     #[test]
     fn time_at_a_station_matches_plain_bisection() {
         let profile = cruise_and_brake(1.0);

@@ -384,6 +384,21 @@ mod tests {
         (trajectory(speed, &pieces, &spirals), friction)
     }
 
+    /// By rounding, the stretch before a knot ends on the next spiral, and the one after it begins on the spiral before.
+    #[test]
+    fn a_knot_at_a_joint_is_no_demand_of_its_own() {
+        let v = load("bmw_320i").unwrap();
+        let bend = CubicSpiral { knots: [0.0, -0.02, 0.02, 0.0], length: 15.0 };
+        let at = |time, station| SpeedKnot { time, station, speed: 7.0, acceleration: 0.0, jerk: 0.0 };
+        let path = Path::new(Pose::new(0.0, 0.0, 0.0), &[bend, CubicSpiral::straight(15.0)]).unwrap();
+        let used = [0.0, 1e-12].map(|rounding| {
+            let knots = vec![at(0.0, 0.0), at(15.0 / 7.0, 15.0 - rounding), at(20.0 / 7.0, 20.0)];
+            let profile = SpeedProfile::new(knots).unwrap();
+            v.drivable(1.0, &Trajectory { start_time: 0.0, path: path.clone(), profile }).unwrap()
+        });
+        assert!((used[0].total - used[1].total).abs() < 1e-6, "{used:?}");
+    }
+
     #[test]
     fn the_use_is_never_below_that_of_dense_samples_and_hardly_above() {
         let rng = &mut fastrand::Rng::with_seed(3);

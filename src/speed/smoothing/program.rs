@@ -309,6 +309,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_short_bend_between_two_knots_is_seen_and_a_plateau_or_a_slope_is_none() {
+        let mut problem = crate::speed::test_support::empty_road(20.0, 5.0);
+        problem.speed_limits.fill(8.0);
+        let seen = |limits: &[f64]| lowest_between(&problem, limits, [4.0, 7.0]);
+        assert_eq!(seen(&problem.speed_limits), None);
+        let with = |change: &dyn Fn(usize, f64) -> f64| -> Vec<f64> {
+            problem.stations.iter().enumerate().map(|(i, s)| change(i, *s)).collect()
+        };
+        let dip = with(&|_, s| if (5.4..5.6).contains(&s) { 3.0 } else { 8.0 });
+        assert_eq!(seen(&dip), Some(3.0));
+        assert_eq!(seen(&with(&|_, s| 8.0 - 0.1 * s)), None, "a slope has a tangent");
+        assert_eq!(seen(&with(&|i, _| 8.0 - 1e-9 * (i % 2) as f64)), None, "rounding");
+        assert_eq!(seen(&with(&|_, s| if (9.4..9.6).contains(&s) { 3.0 } else { 8.0 })), None, "beyond");
+    }
+
+    #[test]
     fn knots_are_dense_at_first_and_few_for_any_duration() {
         for duration in [0.1, 2.0, 7.3, 30.0, 300.0, 3000.0] {
             let times = knot_times(duration, 0.2);
