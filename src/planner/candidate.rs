@@ -317,11 +317,12 @@ impl Situation<'_> {
         };
         let rules = |s: f64| self.rule_at(along.reference_at(s)).min(self.cruise);
         let mut limits: Vec<f64> = stations.iter().map(|s| rules(*s)).collect();
-        // a bend limits both nodes of its cells
+        // a bend inside a cell limits both of its nodes
         for (i, cell) in stations.windows(2).enumerate() {
-            let inside = INSIDE.map(|share| bend(cell[0] + share * (cell[1] - cell[0])));
+            let [begins, inside @ .., ends] = PLACES.map(|share| bend(cell[0] + share * (cell[1] - cell[0])));
             let inside = inside.into_iter().fold(f64::INFINITY, f64::min);
-            (limits[i], limits[i + 1]) = (limits[i].min(inside), limits[i + 1].min(inside));
+            limits[i] = limits[i].min(begins).min(inside);
+            limits[i + 1] = limits[i + 1].min(ends).min(inside);
         }
         limits
     }
@@ -408,9 +409,9 @@ const MIN_CELL: f64 = 0.02;
 const MIN_APPROACH_SPEED: f64 = 0.5;
 /// Fraction of the steering rate that plans aim at; the tracking controller has the remainder.
 const STEERING_SHARE: f64 = 0.8;
-/// Where bends are looked for inside a cell, as shares of its length: not at its ends, which may be joints of spirals, where rounding
+/// Where bends are looked for in a cell, as shares of its length: not quite at its ends, which may be joints of spirals, where rounding
 /// would decide on which side.
-const INSIDE: [f64; 5] = [0.01, 0.25, 0.5, 0.75, 0.99];
+const PLACES: [f64; 5] = [0.01, 0.25, 0.5, 0.75, 0.99];
 /// Fraction of it that proofs permit: with their tolerance of speeds it is all of it.
 const PROOF_STEERING_SHARE: f64 = 0.95;
 
