@@ -89,7 +89,7 @@ impl<'w> EdgeProbe<'w> {
     pub fn static_hit(&mut self, margins: &SafetyMargins, allowance: &Allowance) -> Option<StaticHit> {
         let cells = self.cells();
         // the footprint of a part is connected: if no boundary meets it, one point inside proves that all of it is inside
-        let first_checked = (0..=cells).find(|limit| self.course.station(*limit) >= allowance.no_road_until);
+        let first_checked = self.last_excused(cells, allowance);
         let road = self.world.statics.road();
         let on_road = |frame: &Frame| self.world.outline.all_parts(frame, |p| road.contains_local(p));
         let off_road = first_checked.filter(|limit| !on_road(&self.course.frame(*limit)));
@@ -109,6 +109,13 @@ impl<'w> EdgeProbe<'w> {
             }
         }
         off_road.map(|cell| StaticHit { station: self.course.station(cell), cell, what: Blocker::RoadBoundary })
+    }
+
+    /// The last limit of a cell before which the road is ignored; the first one if it is ignored nowhere, `None` if it is everywhere.
+    fn last_excused(&self, cells: usize, allowance: &Allowance) -> Option<usize> {
+        let is_excused = |limit: &usize| self.course.station(*limit) <= allowance.no_road_until;
+        let last = (0..=cells).rfind(is_excused).unwrap_or(0);
+        (self.course.station(cells) >= allowance.no_road_until).then_some(last)
     }
 
     /// Distances of the vehicle without margins to static obstacles and to the road boundary, at most `cap`, m: the minimum
@@ -158,7 +165,7 @@ impl<'w> EdgeProbe<'w> {
     fn hit_in_block(&mut self, search: &Search, block: &Node) -> Option<StaticHit> {
         let mut hull = self.hull(block, search.widest());
         self.query(&hull, search.reach);
-        if !search.checks_road(self.course.station(block.end - 1)) {
+        if !search.checks_road(self.course.station(block.end)) {
             self.near.boundary.clear();
         }
         let found = self.near.top();
@@ -229,21 +236,21 @@ impl<'w> EdgeProbe<'w> {
 
     /// The first subcell that meets one of the entries from `from` on, if the cell as a whole does.
     fn hit_in_cell(&mut self, search: &Search, cell: usize, from: (usize, usize)) -> Option<StaticHit> {
-        let station = self.course.station(cell);
+        let leaves = self.course.station(cell + 1);
         let ends = [self.course.frame(cell), self.course.frame(cell + 1)];
         let slack = self.course.cell_slack(cell);
-        self.blocker_of(search, station, (ends, slack), from)?;
+        self.blocker_of(search, leaves, (ends, slack), from)?;
         self.course.subcells(cell, ends).into_iter().find_map(|subcell| {
-            let what = self.blocker_of(search, station, (subcell.ends, subcell.slack), from)?;
+            let what = self.blocker_of(search, leaves, (subcell.ends, subcell.slack), from)?;
             Some(StaticHit { station: subcell.station, cell, what })
         })
     }
 
-    /// What a footprint meets, between two frames in the cell that starts at a station (m).
+    /// What a footprint meets, between two frames in the cell that ends at a station (m). Only cells within the allowance are excused.
     fn blocker_of(
         &self,
         search: &Search,
-        station: f64,
+        leaves: f64,
         (ends, slack): ([Frame; 2], Slack),
         from: (usize, usize),
     ) -> Option<Blocker> {
@@ -252,7 +259,7 @@ impl<'w> EdgeProbe<'w> {
             if entries.is_empty() {
                 return None;
             }
-            let margins = if station < search.allowance.no_margins_until { &Margins::NONE } else { margins };
+            let margins = if leaves <= search.allowance.no_margins_until { &Margins::NONE } else { margins };
             let mut shape = self.world.outline.footprint(ends, margins, slack.at(margins.reach()));
             let aabb = shape.aabb();
             entries.iter().copied().find(|i| {
@@ -263,7 +270,7 @@ impl<'w> EdgeProbe<'w> {
         if let Some(piece) = first(&self.near.obstacles[from.0..], statics.obstacles(), &search.obstacles) {
             return Some(statics.blocker(piece));
         }
-        let on_edge = search.checks_road(station)
+        let on_edge = search.checks_road(leaves)
             && first(&self.near.boundary[from.1..], statics.road().boundary(), &search.boundary).is_some();
         on_edge.then_some(Blocker::RoadBoundary)
     }
@@ -289,8 +296,9 @@ impl<'a> Search<'a> {
         self.reach.0.max(self.reach.1)
     }
 
-    fn checks_road(&self, station: f64) -> bool {
-        station >= self.allowance.no_road_until
+    /// Whether the road matters in a cell that ends at a station (m).
+    fn checks_road(&self, leaves: f64) -> bool {
+        leaves > self.allowance.no_road_until
     }
 }
 

@@ -195,7 +195,9 @@ impl Planner<'_> {
         let sweeps: Vec<&Sweep> = lead.iter().chain(sweeps.iter().map(AsRef::as_ref)).collect();
         let fine_until = start.lead.length() + level.fine_until(start.point.speed);
         let now = trajectory.start_time;
-        self.is_free_of_statics(trajectory, margins, now)
+        // what is imposed on the lead does not excuse what comes after it
+        let from = [now, start.point.time];
+        from.iter().all(|time| self.is_free_of_statics(trajectory, margins, *time))
             && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
     }
 }

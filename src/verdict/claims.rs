@@ -45,6 +45,8 @@ const DECELERATION_TOLERANCE: f64 = 0.05;
 const NEAR: f64 = 0.05;
 /// Distance within which a plan has to leave a margin that its start is inside of, m.
 const LEAVE_MARGIN: f64 = 6.0;
+/// A start farther beyond the boundary than this is off the road, m: lanelets are rounded to millimetres.
+const ROUNDED_ROAD: f64 = 1e-3;
 /// Distance within which a plan has to return to the road, m.
 const RETURN_TO_ROAD: f64 = 15.0;
 
@@ -199,8 +201,9 @@ impl<'a> Judge<'a> {
             excursions.map(one).fold(Shortfall::NONE, Shortfall::worse)
         };
         let at_start = self.road.excursion(self.vehicle, &places[0].pose).depth;
-        let length = match self.road.excursion(wide, &places[0].pose).depth {
-            _ if at_start > tolerance => within(places, RETURN_TO_ROAD),
+        let nearly = widened(wide, Vector::repeat(NEAR));
+        let length = match self.road.excursion(&nearly, &places[0].pose).depth {
+            _ if at_start > ROUNDED_ROAD => within(places, RETURN_TO_ROAD),
             depth if depth > 0.0 => within(places, LEAVE_MARGIN),
             _ => 0,
         };

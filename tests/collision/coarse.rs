@@ -91,17 +91,20 @@ fn is_obstacle(what: Blocker) -> bool {
 
 /// What each cell meets as a whole.
 fn flat(pieces: &Pieces, world: &World, sweep: &Sweep, path: &Path, allowance: &Allowance) -> Vec<Option<Blocker>> {
-    let first_checked = sweep.stations().iter().position(|s| *s >= allowance.no_road_until);
+    // only cells that end within the allowance are excused
+    let excused = sweep.stations().iter().take_while(|s| **s <= allowance.no_road_until).count();
+    let is_within = sweep.stations()[sweep.cells()] < allowance.no_road_until;
+    let first_checked = Some(excused.saturating_sub(1)).filter(|_| !is_within);
     let is_on_road = |limit: usize| world.statics().road().contains(path.at(sweep.stations()[limit]).pose.position);
     let off_road = first_checked.filter(|limit| !is_on_road(*limit)).map(|limit| limit.min(sweep.cells() - 1));
     let in_cell = |cell: usize| {
-        let station = sweep.stations()[cell];
+        let leaves = sweep.stations()[cell + 1];
         let first = |margins: Margins, counts: fn(Blocker) -> bool| {
-            let margins = if station < allowance.no_margins_until { Margins::NONE } else { margins };
+            let margins = if leaves <= allowance.no_margins_until { Margins::NONE } else { margins };
             sweep.part_footprints(cell, &margins).iter().find_map(|hull| pieces.first(hull, 0.0, counts))
         };
         let obstacle = first(world.margins.static_obstacles, is_obstacle);
-        let checks_road = station >= allowance.no_road_until;
+        let checks_road = leaves > allowance.no_road_until;
         let edge = || first(to_boundary(&world.margins), |what| !is_obstacle(what)).filter(|_| checks_road);
         obstacle.or_else(edge).or_else(|| off_road.filter(|limit| *limit == cell).map(|_| Blocker::RoadBoundary))
     };
