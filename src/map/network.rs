@@ -93,6 +93,13 @@ impl Lanelet {
         !self.types.iter().any(|t| CLOSED.contains(&t.as_str()))
     }
 
+    /// Whether it has to be kept free of standing vehicles: junctions and crosswalks.
+    #[must_use]
+    pub fn is_kept_free(&self) -> bool {
+        const KEPT_FREE: [&str; 2] = ["intersection", "crosswalk"];
+        self.types.iter().any(|t| KEPT_FREE.contains(&t.as_str()))
+    }
+
     /// Whether the point is inside the outline (even–odd rule). Either answer on the border.
     #[must_use]
     pub fn contains(&self, p: Point) -> bool {

@@ -4,7 +4,7 @@ use super::goal::GoalOnLane;
 use crate::geometry::steps::fitting;
 use crate::geometry::{Point, Pose};
 use crate::lattice::EdgeStore;
-use crate::map::{Goal, LaneletId, PlanningProblem, RoadNetwork, Scenario};
+use crate::map::{Goal, Lanelet, LaneletId, PlanningProblem, RoadNetwork, Scenario};
 use crate::reference::ReferenceLine;
 use crate::route::{self, LaneOption, RouteOutcome, RouteSettings, Side};
 use crate::vehicle::Vehicle;
@@ -68,9 +68,6 @@ impl NoLane {
     }
 }
 
-/// Lane types in which a vehicle must not stop.
-const KEPT_FREE: [&str; 2] = ["intersection", "crosswalk"];
-
 /// Length of the route ahead, m.
 const LOOK_AHEAD: f64 = 450.0;
 
@@ -131,7 +128,7 @@ impl Lane {
         let count = fitting(reference.length(), 2.0);
         Some(Self {
             samples: (0..=count).map(|i| reference.at(2.0 * i as f64).pose.position).collect(),
-            no_stopping: kept_free(network, &reference),
+            no_stopping: kept_free(network, &reference, vehicle),
             lane_changes_to_go: option.lane_changes_to_go.unwrap_or(u32::from(!is_current)),
             edges: EdgeStore::default(),
             last_lanelet: *lanelets.last()?,
@@ -163,18 +160,22 @@ fn joined<'a>(network: &RoadNetwork, chain: &'a [LaneletId]) -> &'a [LaneletId] 
     &chain[..gap.map_or(chain.len(), |i| i + 1)]
 }
 
-/// Station intervals of the line inside lanelets in which stopping is not allowed, for the rear axle.
-fn kept_free(network: &RoadNetwork, line: &ReferenceLine) -> Vec<(f64, f64)> {
+/// Station intervals of the line in which stopping is not allowed, for the rear axle: where a part of the vehicle is in a lanelet
+/// that has to be kept free.
+fn kept_free(network: &RoadNetwork, line: &ReferenceLine, vehicle: &Vehicle) -> Vec<(f64, f64)> {
     /// Sampling of the line, m.
     const STEP: f64 = 1.0;
+    let front = vehicle.front_overhang_from_rear_axle();
+    let rear = vehicle.length - front;
     let mut stretches: Vec<(f64, f64)> = Vec::new();
     for i in 0..=fitting(line.length(), STEP) {
         let station = i as f64 * STEP;
         let lanelet = line.lanelet_at(station).and_then(|id| network.lanelets.get(&id));
-        if lanelet.is_some_and(|l| l.types.iter().any(|t| KEPT_FREE.contains(&t.as_str()))) {
+        if lanelet.is_some_and(Lanelet::is_kept_free) {
+            let (from, to) = (station - STEP - front, station + STEP + rear);
             match stretches.last_mut() {
-                Some(last) if station - last.1 <= 1.5 * STEP => last.1 = station,
-                _ => stretches.push((station, station)),
+                Some(last) if from <= last.1 => last.1 = to,
+                _ => stretches.push((from, to)),
             }
         }
     }

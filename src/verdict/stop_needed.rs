@@ -9,6 +9,9 @@
 //! standstill. One that left earlier is no reason to stand any longer, and one that comes from behind, through the stopped
 //! vehicle, is not in its way.
 //!
+//! Junctions and crosswalks are kept free of standing vehicles: their length does not count, so that a vehicle may wait in front of one
+//! for an obstacle behind it.
+//!
 //! The check is lenient: the nearest obstacle on any of these paths counts, and so does an obstacle that only crosses one
 //! of them later. Weak where an obstacle blocks the vehicle elsewhere, e.g. on the lane that it has to change to.
 
@@ -27,8 +30,10 @@ use crate::vehicle::Vehicle;
 
 /// Largest free distance ahead of a needed stop, m: it covers the standoff and the space to steer around an obstacle.
 const FREE: f64 = 10.0;
-/// How far ahead the footprint is moved, m.
+/// How far ahead the footprint is moved, m, not counting what has to be kept free.
 const LOOK_AHEAD: f64 = 20.0;
+/// How far ahead it is moved at most, m: over a large junction.
+const FARTHEST: f64 = 80.0;
 /// Distance between two steps, m.
 const STEP: f64 = 0.25;
 /// Time between two looks at moving obstacles, s.
@@ -67,7 +72,7 @@ pub(super) struct FreeRoad {
     end: End,
     /// Begin of the standstill, s.
     since: f64,
-    /// Distance to a state that meets the goal but for its time, on any of the paths, m.
+    /// Free distance to a state that meets the goal but for its time, on any of the paths, m.
     goal: Option<f64>,
 }
 
@@ -118,13 +123,15 @@ pub(super) fn free_road(
     let mut things = Vec::new();
     let mut goals = Vec::new();
     let is_goal = |pose: Pose| goal(&vehicle.centre_of_rear_axle(&pose));
+    let mut look_along = |road_end: f64, places: &[Ahead]| {
+        things.push(look.first_thing(road_end, places));
+        goals.push(places.iter().find(|place| is_goal(place.pose)).map(|place| place.free));
+    };
     if !is_aligned {
-        things.push(look.first_thing(straight, ahead));
-        goals.push(steps().find(|distance| is_goal(ahead(*distance))));
+        look_along(straight, &places(&scenario.network, vehicle, ahead));
     }
     for lane in &lanes {
-        things.push(look.first_thing(lane.road_end(vehicle), |distance| lane.pose(distance)));
-        goals.push(steps().find(|distance| is_goal(lane.pose(*distance))));
+        look_along(lane.road_end(vehicle), &places(&scenario.network, vehicle, |distance| lane.pose(distance)));
     }
     let nearest = things.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
     let goal = goals.into_iter().flatten().min_by(f64::total_cmp);
@@ -196,8 +203,8 @@ fn times((from, until): (f64, f64), interval: f64) -> Vec<f64> {
 
 /// Distances at which the footprint is tested, m.
 fn steps() -> impl Iterator<Item = f64> {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 80 steps
-    let count = (LOOK_AHEAD / STEP) as usize;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 320 steps
+    let count = (FARTHEST / STEP) as usize;
     (0..=count).map(|i| i as f64 * STEP)
 }
 
@@ -205,7 +212,34 @@ fn steps() -> impl Iterator<Item = f64> {
 fn straight_road_end(road: &Road, vehicle: &Vehicle, pose: &Pose, settings: &Settings) -> f64 {
     let tolerated = settings.road_tolerance.max(road.excursion(vehicle, pose).depth);
     let leaves = |ahead: &f64| road.excursion(vehicle, &pose.advanced(*ahead)).depth > tolerated;
-    steps().find(leaves).unwrap_or(LOOK_AHEAD)
+    steps().find(leaves).unwrap_or(FARTHEST)
+}
+
+/// A place on a path ahead.
+struct Ahead {
+    /// Distance, m.
+    driven: f64,
+    /// The part of it on which the vehicle may stand, m.
+    free: f64,
+    pose: Pose,
+}
+
+/// The places of the footprint on a path.
+fn places(network: &RoadNetwork, vehicle: &Vehicle, pose_at: impl Fn(f64) -> Pose) -> Vec<Ahead> {
+    let kept_free: Vec<&Lanelet> = network.lanelets.values().filter(|l| l.is_kept_free()).collect();
+    let front = vehicle.front_overhang_from_rear_axle();
+    let axis = [front, 0.5 * front, 0.0, front - vehicle.length];
+    let may_stand = |pose: &Pose| {
+        let along = axis.map(|x| pose.to_world(Point::new(x, 0.0)));
+        !kept_free.iter().any(|l| along.iter().any(|p| l.contains(*p)))
+    };
+    let mut free = 0.0;
+    let place = |driven| {
+        let place = Ahead { driven, free, pose: pose_at(driven) };
+        free += if may_stand(&place.pose) { STEP } else { 0.0 };
+        place
+    };
+    steps().map(place).take_while(|place| place.free <= LOOK_AHEAD).collect()
 }
 
 struct Look<'a> {
@@ -216,16 +250,17 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// The first thing that the footprint meets on a path before the road ends, with its distance, m.
-    fn first_thing(&self, road_end: f64, pose_at: impl Fn(f64) -> Pose) -> Option<(f64, Thing)> {
-        steps().take_while(|ahead| *ahead < road_end || *ahead == 0.0).find_map(|ahead| {
-            let pose = pose_at(ahead);
-            let places: Vec<Place> = self.times.iter().map(|&time| Place { time, pose, speed: 0.0 }).collect();
+    /// The first thing that the footprint meets on a path before the road ends, with the free distance before it, m.
+    fn first_thing(&self, road_end: f64, ahead: &[Ahead]) -> Option<(f64, Thing)> {
+        let on_road = ahead.iter().take_while(|place| place.driven < road_end || place.driven == 0.0);
+        on_road.into_iter().find_map(|Ahead { free, pose, .. }| {
+            let place = |time: &f64| Place { time: *time, pose: *pose, speed: 0.0 };
+            let places: Vec<Place> = self.times.iter().map(place).collect();
             let obstacle = contact::nearest_obstacle(self.obstacles.iter().copied(), self.vehicle, &places);
             // cells do not move
             let cells = cells::nearest(self.scenario, self.vehicle, &places[..1]);
             let nearest = obstacle.into_iter().chain(cells).reduce(|a, b| if b.gap < a.gap { b } else { a })?;
-            (nearest.gap < 0.0).then_some((ahead, nearest.thing))
+            (nearest.gap < 0.0).then_some((*free, nearest.thing))
         })
     }
 }
@@ -266,16 +301,16 @@ impl Lane {
         Pose { position: on_line.to_world(Point::new(0.0, self.offset)), yaw: on_line.yaw + self.heading }
     }
 
-    /// Distance that the front of the vehicle can move before the lane ends, m; at most [`LOOK_AHEAD`].
+    /// Distance that the front of the vehicle can move before the lane ends, m; at most [`FARTHEST`].
     fn road_end(&self, vehicle: &Vehicle) -> f64 {
         let front = self.station + vehicle.front_overhang_from_rear_axle();
-        (self.line.length() - front).clamp(0.0, LOOK_AHEAD)
+        (self.line.length() - front).clamp(0.0, FARTHEST)
     }
 }
 
-/// Chains of connected lanelets from a lanelet on, long enough for [`LOOK_AHEAD`] and the longest vehicle.
+/// Chains of connected lanelets from a lanelet on, long enough for [`FARTHEST`] and the longest vehicle.
 fn chains(network: &RoadNetwork, from: LaneletId) -> Vec<Vec<LaneletId>> {
-    const ENOUGH: f64 = LOOK_AHEAD + 30.0;
+    const ENOUGH: f64 = FARTHEST + 30.0;
     let mut finished = Vec::new();
     let mut open = vec![(vec![from], 0.0)];
     while let Some((chain, length)) = open.pop() {
@@ -339,6 +374,28 @@ mod tests {
         s.scenario.obstacles.pop();
         s.scenario.obstacles.push(s.place.parked(7, 90.0, 3.0));
         assert_eq!(s.failures(), ["goal", "stop_needed"], "a car beside the lane is not in the way");
+    }
+
+    /// The front bumper stops at 84.25 m, 1.75 m before a junction of 14 m; behind it stands a car.
+    #[test]
+    fn a_junction_is_kept_free_and_its_length_does_not_count() {
+        let mut s = stopped();
+        let parts = [(2, 70.0, 86.0), (3, 86.0, 100.0), (4, 100.0, 130.0)];
+        for (id, from, to) in parts {
+            let mut part = s.place.lanelet(id, (from, to), -1.75, 1.75);
+            part.successors = if id < 4 { vec![id + 1] } else { Vec::new() };
+            s.scenario.network.lanelets.insert(id, part);
+        }
+        s.scenario.obstacles.push(s.place.parked(7, 105.0, 0.0));
+        assert_eq!(s.failures(), ["goal", "stop_needed"], "18.5 m on a plain road");
+        s.scenario.network.lanelets.entry(3).and_modify(|junction| junction.types = vec!["intersection".into()]);
+        assert_eq!(s.failures(), [""; 0]);
+        let needed = check(&s, "stop_needed");
+        assert!(needed.value >= 1.75 && needed.value <= 1.75 + STEP, "{needed:?}");
+        // a car 26 m behind the junction is no reason to wait in front of it
+        s.scenario.obstacles.pop();
+        s.scenario.obstacles.push(s.place.parked(7, 128.0, 0.0));
+        assert_eq!(s.failures(), ["goal", "stop_needed"]);
     }
 
     #[test]
