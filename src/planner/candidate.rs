@@ -57,10 +57,8 @@ pub(super) struct Situation<'a> {
 
 /// A candidate whose stop is proven.
 pub(super) struct Proven {
-    /// The problem of the proof, with the actual blocked intervals and hard speed limits. The search used a time gap and a
-    /// reserve of lateral acceleration in addition.
-    pub(super) problem: SpeedProblem,
-    /// The speed limits with the reserve.
+    pub(super) problem: ForProof,
+    /// The speed limits of the search.
     pub(super) target: TargetLimits,
     /// The planned stop: station (m) and cause.
     pub(super) stop: Option<(f64, Cause)>,
@@ -73,6 +71,13 @@ pub(super) struct Proven {
     pub(super) blocked: Vec<BlockedCell>,
 }
 
+/// The problem of the search: with a time gap to traffic, a reserve of lateral acceleration and of braking, and the wishes of rules
+/// and goals.
+struct ForSearch(SpeedProblem);
+
+/// The problem of the proof: the actual blocked intervals and hard limits.
+pub(super) struct ForProof(pub(super) SpeedProblem);
+
 /// The speed limits that a plan aims at.
 pub(super) struct TargetLimits {
     /// Stations of the nodes, m, and of the reference line beside them.
@@ -82,18 +87,23 @@ pub(super) struct TargetLimits {
     pub(super) speeds: Vec<f64>,
 }
 
-/// The speed problem of a path.
-struct PathProblem {
-    problem: SpeedProblem,
+/// What search and proof of a path have in common.
+struct PathCells {
+    /// Stations of the nodes, m.
+    stations: Vec<f64>,
+    /// Blocked intervals of the cells between them, and of the pose at the first node.
+    blocked: Vec<Vec<TimeInterval>>,
+    blocked_at_start: Vec<TimeInterval>,
     along: Along,
     stop: Option<(f64, Cause)>,
-    blocked: Vec<BlockedCell>,
+    /// The blocked cells with their obstacles.
+    by_obstacle: Vec<BlockedCell>,
 }
 
 impl Proven {
     /// Checks the raw profile by code that is independent of the search. A committed profile must pass.
     pub(super) fn reverify(&self) -> Result<(), ProofViolation> {
-        prove(&self.problem, &self.raw_profile)
+        prove(&self.problem.0, &self.raw_profile)
     }
 }
 
@@ -110,56 +120,42 @@ impl Situation<'_> {
             let blocked_by = Some(Cause::Bend);
             return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0, blocked_by };
         }
-        let Some(PathProblem { mut problem, along, stop, blocked }) = self.speed_problem(path) else {
+        let Some(cells) = self.cells(path) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by: None };
         };
-        let first = blocked.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
+        let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
         let blocked_by = path.blocked_by.map(Cause::from).or(first.map(|cell| Cause::Obstacle(cell.obstacle)));
-        let with_gap = problem.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
-        let as_blocked = std::mem::replace(&mut problem.blocked, with_gap);
+        let ForSearch(wanted) = self.for_search(path, &cells);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
-        let Ok(outcome) = search(&problem, Strategy::SafeTlp, &resolution) else {
+        let Ok(outcome) = search(&wanted, Strategy::SafeTlp, &resolution) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by };
         };
         let expansions = outcome.statistics().expansions;
+        let rejected = |why| Evaluation::Rejected { why, expansions, blocked_by };
         match outcome {
             // a plan without a proof is not accepted
-            SpeedOutcome::Unproven { .. } => Evaluation::Rejected { why: Rejection::NoProof, expansions, blocked_by },
-            SpeedOutcome::NoPlan { why, .. } => {
-                let why = match why {
-                    NoPlan::CannotStop { .. } => Rejection::CannotStop,
-                    NoPlan::BudgetExhausted(_) => Rejection::NoProofInBudget,
-                    NoPlan::NoSafeState => Rejection::NoProof,
-                };
-                Evaluation::Rejected { why, expansions, blocked_by }
-            }
+            SpeedOutcome::Unproven { .. } => rejected(Rejection::NoProof),
+            SpeedOutcome::NoPlan { why, .. } => rejected(match why {
+                NoPlan::CannotStop { .. } => Rejection::CannotStop,
+                NoPlan::BudgetExhausted(_) => Rejection::NoProofInBudget,
+                NoPlan::NoSafeState => Rejection::NoProof,
+            }),
             SpeedOutcome::Proven { mut plan, .. } => {
-                if let Some(brisk) = tail::without_creeping(&problem, &plan) {
+                if let Some(brisk) = tail::without_creeping(&wanted, &plan) {
                     plan = brisk;
                 }
-                let progress = smoothing::raw_profile(&problem, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
-                plan.end_at_long_wait(&problem, LONG_WAIT);
-                let speed_limits =
-                    self.hard_limits(path, &along, &problem.stations, self.lateral_limit, PROOF_STEERING_SHARE);
-                let speeds = std::mem::replace(&mut problem.speed_limits, speed_limits);
-                let target = TargetLimits { stations: problem.stations.clone(), along, speeds };
-                let mut problem = SpeedProblem { blocked: as_blocked, ..problem };
-                problem.limits.aggressive_deceleration = self.proof_deceleration;
-                match smoothing::raw_profile(&problem, &plan).zip(progress) {
-                    Some((raw_profile, progress)) => Evaluation::Proven(Box::new(Proven {
-                        #[cfg(test)]
-                        raw_profile: fault::applied(raw_profile),
-                        #[cfg(not(test))]
-                        raw_profile,
-                        problem,
-                        target,
-                        stop,
-                        progress,
-                        expansions,
-                        blocked,
-                    })),
-                    None => Evaluation::Rejected { why: Rejection::NoProfile, expansions, blocked_by },
-                }
+                let progress = smoothing::raw_profile(&wanted, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
+                plan.end_at_long_wait(&wanted, LONG_WAIT);
+                let problem = self.for_proof(path, &cells);
+                let PathCells { stations, along, stop, by_obstacle: blocked, .. } = cells;
+                let Some((raw_profile, progress)) = smoothing::raw_profile(&problem.0, &plan).zip(progress) else {
+                    return rejected(Rejection::NoProfile);
+                };
+                #[cfg(test)]
+                let raw_profile = fault::applied(raw_profile);
+                let target = TargetLimits { stations, along, speeds: wanted.speed_limits };
+                let proven = Proven { problem, target, stop, raw_profile, progress, expansions, blocked };
+                Evaluation::Proven(Box::new(proven))
             }
         }
     }
@@ -184,20 +180,21 @@ impl Situation<'_> {
         })
     }
 
-    /// The last station of a plan on a path, m, and what it plans to stop for there. The standoff from a blocker is a wish: it is
-    /// given up before the vehicle brakes harder than comfortably for it.
+    /// The last station of a plan on a path, m, and what it plans to stop for there.
     fn end_of_path(&self, path: &LatticePath, along: &Along) -> (f64, Option<Cause>) {
         let (mut end, mut cause) = (path.path.length(), None);
         if let Some(blocker) = path.blocked_by {
             end = path.free_length;
             if blocker != Blocker::RoadBoundary {
-                let with_standoff = end - self.settings.standoff;
-                end = with_standoff.max(self.comfortable_stop()).min(end);
+                end = self.short_of(end);
                 cause = Some(blocker.into());
             }
         }
         if self.road_ends_there(along.reference_at(end)) {
             cause = cause.or(Some(Cause::RoadEnd));
+        }
+        if cause.is_some() {
+            end = self.before_no_stopping(along, end);
         }
         let to_goal = self.goal_stop().map(|(station, cause)| (along.station_of(station), cause));
         if let Some((station, why)) =
@@ -208,9 +205,34 @@ impl Situation<'_> {
         (end.max(0.0), cause)
     }
 
+    /// A planned stop in front of a station, m. The standoff is a wish: it is given up before the vehicle brakes harder than
+    /// comfortably for it.
+    fn short_of(&self, station: f64) -> f64 {
+        let nearest = if self.speed > 0.0 { 2.0 * MIN_CELL } else { 0.0 };
+        (station - self.settings.standoff).max(self.comfortable_stop()).max(nearest).min(station)
+    }
+
+    /// A planned stop that would be in a zone without stopping, in front of the zone if the vehicle can stop there, m.
+    fn before_no_stopping(&self, along: &Along, end: f64) -> f64 {
+        let mut before = end;
+        while let Some((from, _)) = self.zone_at(along.reference_at(before)) {
+            let edge = along.station_of(*from) - MIN_CELL;
+            if edge < self.hardest_stop() {
+                return end;
+            }
+            before = self.short_of(edge);
+        }
+        before
+    }
+
+    /// Deceleration of planned stops where there is room for it, m/s². Emergency levels brake harder only as far as they must.
+    fn comfortable_deceleration(&self) -> f64 {
+        self.settings.stopping_share * self.vehicle.comfort.deceleration
+    }
+
     /// Stopping distance of planned stops, m.
     fn comfortable_stop(&self) -> f64 {
-        self.speed * self.speed / (2.0 * self.settings.stopping_share * self.braking)
+        self.speed * self.speed / (2.0 * self.comfortable_deceleration())
     }
 
     /// Shortest stopping distance of a proof, m.
@@ -237,7 +259,8 @@ impl Situation<'_> {
         (self.long_run || goal_passed) && front + GRID >= self.reference.length()
     }
 
-    fn speed_problem(&self, path: &LatticePath) -> Option<PathProblem> {
+    /// The cells of a path with the times at which they are blocked; `None` if none of them is free and the vehicle moves.
+    fn cells(&self, path: &LatticePath) -> Option<PathCells> {
         let along = Along::new(&path.path, self.reference, self.station);
         let (end, stops_for) = self.end_of_path(path, &along);
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
@@ -253,38 +276,66 @@ impl Situation<'_> {
         } else if self.speed > 0.0 {
             return None;
         }
-        let intervals =
-            |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<TimeInterval>>();
-        let blocked: Vec<Vec<TimeInterval>> = (0..stations.len() - 1).map(intervals).collect();
-        let blocked_at_start = if grid.cells() > 0 { intervals(0) } else { Vec::new() };
-        let problem = SpeedProblem {
-            speed_limits: self.speed_limits(path, &along, &stations, stops_for.is_some()),
+        let intervals = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
+        let by_obstacle = (0..grid.cells()).flat_map(|cell| {
+            let stations = (grid.stations()[cell], grid.stations()[cell + 1]);
+            let blocked = grid.intervals(cell).iter();
+            blocked.map(move |b| BlockedCell { stations, times: (b.from, b.to), obstacle: b.obstacle })
+        });
+        Some(PathCells {
+            blocked: (0..stations.len() - 1).map(intervals).collect(),
+            blocked_at_start: if grid.cells() > 0 { intervals(0) } else { Vec::new() },
+            by_obstacle: by_obstacle.collect(),
+            stop: stops_for.map(|cause| (end, cause)),
+            stations,
+            along,
+        })
+    }
+
+    fn for_search(&self, path: &LatticePath, cells: &PathCells) -> ForSearch {
+        let speed_limits = self.speed_limits(path, &cells.along, &cells.stations, cells.stop.is_some());
+        let deceleration = (self.search_share * self.proof_deceleration).max(self.braking);
+        let blocked = cells.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
+        ForSearch(self.problem(cells, speed_limits, blocked, deceleration))
+    }
+
+    fn for_proof(&self, path: &LatticePath, cells: &PathCells) -> ForProof {
+        let speed_limits =
+            self.hard_limits(path, &cells.along, &cells.stations, self.lateral_limit, PROOF_STEERING_SHARE);
+        ForProof(self.problem(cells, speed_limits, cells.blocked.clone(), self.proof_deceleration))
+    }
+
+    fn problem(
+        &self,
+        cells: &PathCells,
+        speed_limits: Vec<f64>,
+        blocked: Vec<Vec<TimeInterval>>,
+        aggressive_deceleration: f64,
+    ) -> SpeedProblem {
+        SpeedProblem {
+            stations: cells.stations.clone(),
+            speed_limits,
             blocked,
-            blocked_at_start,
-            stopping_allowed: stations.iter().map(|s| self.may_stop(along.reference_at(*s))).collect(),
+            blocked_at_start: cells.blocked_at_start.clone(),
+            stopping_allowed: cells.stations.iter().map(|s| self.may_stop(cells.along.reference_at(*s))).collect(),
             start_speed: self.speed,
             start_time: self.time,
             horizon: self.horizon,
             limits: AccelerationLimits {
                 acceleration: self.acceleration,
                 deceleration: self.braking,
-                aggressive_deceleration: (self.search_share * self.proof_deceleration).max(self.braking),
+                aggressive_deceleration,
             },
-            stations,
-        };
-        let cells = (0..grid.cells()).flat_map(|cell| {
-            let stations = (grid.stations()[cell], grid.stations()[cell + 1]);
-            grid.intervals(cell).iter().map(move |b| BlockedCell {
-                stations,
-                times: (b.from, b.to),
-                obstacle: b.obstacle,
-            })
-        });
-        Some(PathProblem { problem, along, stop: stops_for.map(|cause| (end, cause)), blocked: cells.collect() })
+        }
     }
 
     fn may_stop(&self, reference_station: f64) -> bool {
-        !self.no_stopping.iter().any(|(from, to)| (*from..=*to).contains(&reference_station))
+        self.zone_at(reference_station).is_none()
+    }
+
+    /// The zone without stopping that contains a station of the reference line.
+    fn zone_at(&self, reference_station: f64) -> Option<&(f64, f64)> {
+        self.no_stopping.iter().find(|(from, to)| (*from..=*to).contains(&reference_station))
     }
 
     /// Limits of the speed in curves for a lateral acceleration and a fraction of the steering rate.
@@ -347,8 +398,7 @@ impl Situation<'_> {
         if stops {
             let distance = stations[stations.len() - 1];
             let required = self.speed * self.speed / (2.0 * distance.max(MIN_CELL));
-            let comfortable = self.settings.stopping_share * self.braking;
-            let deceleration = comfortable.max(required * 1.02).min(self.proof_deceleration);
+            let deceleration = self.comfortable_deceleration().max(required * 1.02).min(self.proof_deceleration);
             for (cap, braking) in speed_limits.iter_mut().zip(braking_speed_limits(stations, deceleration)) {
                 *cap = cap.min(braking);
             }

@@ -88,7 +88,17 @@ pub(super) struct LevelLimits {
 impl LevelLimits {
     /// Whether the lattice has the same paths on this level as on another one.
     pub(super) fn has_paths_of(&self, other: &Self) -> bool {
-        self.margins == other.margins && self.lateral_limit == other.lateral_limit
+        self.margins == other.margins
+    }
+
+    /// Whether it is one of the emergency levels.
+    pub(super) fn is_emergency(&self) -> bool {
+        matches!(self.level, Level::Emergency(_))
+    }
+
+    /// An emergency level with another deceleration, m/s².
+    pub(super) fn with_deceleration(self, deceleration: f64) -> Self {
+        Self { braking: NOMINAL_SHARE * deceleration, deceleration, ..self }
     }
 
     /// Station up to which moving obstacles are resolved finely from a start speed (m/s), m; 0 if they are not.

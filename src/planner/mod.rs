@@ -55,7 +55,7 @@ pub use settings::{
 use std::sync::Arc;
 use std::time::Instant;
 
-use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON, planned_lateral};
+use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON};
 use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
 use self::known::{Change, Known};
@@ -241,7 +241,7 @@ impl<'m> Planner<'m> {
                 let choice = self.refined(&start, level, choice, &mut record);
                 record.trace.chosen = Some(choice.candidate);
                 let smoothing_begun = Instant::now();
-                let (choice, profile, smoothing) = self.smoothed(&start, level, choice, &mut record);
+                let (choice, profile, smoothing) = self.gentlest(&start, level, choice, &mut record);
                 let trace = &mut record.trace;
                 trace.stage_seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
                 trace.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
@@ -388,7 +388,7 @@ impl<'m> Planner<'m> {
         let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
         let world = &self.known.world;
         let roots = self.roots(start, world, &level.margins);
-        let full_speed_curvature = self.full_speed_curvature(start, level);
+        let full_speed_curvature = self.full_speed_curvature(start);
         let weights = self.settings.lattice.weights;
         let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
@@ -422,9 +422,10 @@ impl<'m> Planner<'m> {
         all
     }
 
-    /// The curvature with the planned lateral acceleration at the start speed, 1/m.
-    fn full_speed_curvature(&self, start: &Start, level: LevelLimits) -> f64 {
-        planned_lateral(&self.settings, &self.vehicle, level.lateral_limit) / (start.point.speed * start.point.speed)
+    /// The curvature with the comfortable lateral acceleration at the start speed, 1/m.
+    fn full_speed_curvature(&self, start: &Start) -> f64 {
+        let comfortable = self.settings.lateral_share * self.vehicle.comfort.lateral_acceleration;
+        comfortable / (start.point.speed * start.point.speed)
     }
 
     fn roots(&self, start: &Start, world: &CollisionWorld, margins: &SafetyMargins) -> Vec<Root> {
@@ -463,6 +464,31 @@ impl<'m> Planner<'m> {
         }
     }
 
+    /// The choice with its final speed profile. A choice of an emergency level brakes no harder than it must: the deceleration of its
+    /// proof is found by bisection, on the same path.
+    fn gentlest(
+        &self,
+        start: &Start,
+        level: LevelLimits,
+        choice: Choice,
+        record: &mut CycleRecord,
+    ) -> (Choice, SpeedProfile, Smoothing) {
+        let mut best = self.smoothed(start, level, choice, record);
+        let mut too_low = self.vehicle.comfort.aggressive_deceleration;
+        while level.is_emergency() && best.0.deceleration - too_low > DECELERATION_STEP {
+            let deceleration = f64::midpoint(too_low, best.0.deceleration);
+            let gentle = level.with_deceleration(deceleration);
+            let found = self.evaluated_again(start, &gentle, &best.0, record);
+            let found = found.and_then(|choice| self.accepted(start, &gentle, None, choice).ok());
+            let found = found.map(|choice| self.smoothed(start, gentle, choice, record));
+            match found {
+                Some((choice, profile, smoothing)) => best = (Choice { deceleration, ..choice }, profile, smoothing),
+                None => too_low = deceleration,
+            }
+        }
+        best
+    }
+
     /// The choice with its final speed profile: the jerk-limited one if it passes reverification and its tube is free, else the raw
     /// one. Where the tube of the jerk-limited profile is not free, both are tried once more with the margins that it needs.
     fn smoothed(
@@ -496,7 +522,7 @@ impl<'m> Planner<'m> {
     ) -> Result<(SpeedProfile, Smoothing, Tube), (Failure, Option<SafetyMargins>)> {
         let Proven { problem, target, raw_profile, .. } = &*choice.proven;
         let acceleration = start.point.acceleration;
-        let smoothed = self.smoother.smooth_and_prove(problem, &target.speeds, raw_profile, acceleration);
+        let smoothed = self.smoother.smooth_and_prove(&problem.0, &target.speeds, raw_profile, acceleration);
         let Smoothed { profile, is_firm } = smoothed.map_err(|why| (why, None))?;
         let smoothing = if is_firm { Smoothing::Firm } else { Smoothing::Comfortable };
         match self.tube_of(start, level, &choice.path, &profile) {
@@ -582,6 +608,8 @@ impl<'m> Planner<'m> {
     }
 }
 
+/// Accuracy of the deceleration of emergency plans, m/s²: well below what a passenger notices.
+const DECELERATION_STEP: f64 = 0.5;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.

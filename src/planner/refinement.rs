@@ -65,7 +65,7 @@ impl Planner<'_> {
         let commitment = committed_plan(self.committed.as_ref(), start)
             .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.plan_change));
         let mut path = refined(
-            &context(&self.vehicle, &lane.reference, (world, level.margins), self.full_speed_curvature(start, level)),
+            &context(&self.vehicle, &lane.reference, (world, level.margins), self.full_speed_curvature(start)),
             &choice.path,
             &allowance,
             self.vehicle.front_overhang_from_rear_axle(),
