@@ -17,7 +17,7 @@
 //!
 //! The limits of a plan and its proof depend on the level ([`Level`]). The planner tries the levels in order: with margins and
 //! the aggressive deceleration, with the tracking tube alone, with harder braking. The lattice is searched once for all levels with the
-//! same paths. Each plan records its level and deceleration. If the
+//! same margins. A plan of an emergency level brakes no harder than it must. Each plan records its level and deceleration. If the
 //! settings ask for it, the planner tries robust proofs first (`traffic`). Without a proof on any level, the vehicle evades and
 //! brakes (`unproven`).
 //!
