@@ -500,12 +500,4 @@ pub(super) mod fault {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::widened;
-
-    #[test]
-    fn widened_intervals_merge_and_do_not_extend_into_the_past() {
-        let b = widened(&[(0.5, 1.0), (2.0, 2.5), (6.0, 7.0)], 0.6, 0.4);
-        assert_eq!(b, vec![(0.4, 3.1), (5.4, 7.6)]);
-    }
-}
+mod tests;

@@ -38,6 +38,8 @@ mod record;
 mod refinement;
 mod reproof;
 mod settings;
+#[cfg(test)]
+mod tests;
 mod traffic;
 mod tube;
 mod unproven;

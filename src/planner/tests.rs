@@ -1,0 +1,66 @@
+//! Starts off the road, and what emergency levels may use.
+
+use super::*;
+use crate::collision::CollisionSettings;
+use crate::fixtures::{collision_world, road, scenario, vehicle};
+use crate::geometry::Pose;
+use crate::vehicle::{CONTROL_SHARE, GRAVITY, builtin_names, load};
+
+/// Heading changes by `turns` (rad) over pieces of 5 m, mirrored if asked for.
+fn path(start: Pose, turns: &[f64], side: f64) -> Path {
+    let piece = |turn: &f64| {
+        // a turn without a curvature at its ends
+        let peak = side * turn / 5.0 * 4.0 / 3.0;
+        CubicSpiral { knots: [0.0, peak, peak, 0.0], length: 5.0 }
+    };
+    Path::new(start, &turns.iter().map(piece).collect::<Vec<_>>()).unwrap()
+}
+
+/// A start off the road excuses a path only while it returns, on either side.
+#[test]
+fn only_a_path_that_returns_to_the_road_is_excused_from_it() {
+    let vehicle = vehicle();
+    let world = collision_world(&scenario(road(4.0, 200.0), Vec::new()), &vehicle, &CollisionSettings::default(), 1.0);
+    for (side, depth) in [-1.0, 1.0].into_iter().flat_map(|s| [0.1, 0.4].map(|d| (s, d))) {
+        let start = |yaw: f64| Pose::new(20.0, side * (2.0 - 0.5 * vehicle.width + depth), side * yaw);
+        let returns = |yaw: f64, turns: &[f64]| {
+            let path = path(start(yaw), turns, side);
+            let imposed = world.depth_off_road(&start(yaw));
+            (imposed, returns_to_road(&world, &path, 15.0, imposed))
+        };
+        let case = format!("{depth} m off on side {side}");
+        let (imposed, straight) = returns(0.0, &[0.0, 0.0, 0.0]);
+        assert!((imposed - depth).abs() < 0.02, "{case}: {imposed}");
+        assert!(straight, "{case}: along the edge it does not grow");
+        assert!(returns(-0.1, &[0.0, 0.0, 0.0]).1, "{case}: back to the road");
+        assert!(returns(-0.2, &[0.0, 0.1, 0.1]).1, "{case}: back and along the road");
+        assert!(!returns(0.02, &[0.0, 0.0, 0.0]).1, "{case}: farther off");
+        assert!(!returns(0.0, &[0.1, -0.1, -0.2]).1, "{case}: first farther off, then back");
+        assert!(!returns(-0.08, &[0.1, 0.1, 0.1]).1, "{case}: back, and off again");
+        // beyond the station from which it has to be on the road, the road itself is checked
+        assert!(returns(-0.2, &[0.0, 0.1, 0.1, 0.3, 0.3]).1, "{case}: off again after it");
+    }
+}
+
+/// Braking and turning share the grip of the tyres, and braking stays below the brakes, whatever the settings ask for.
+#[test]
+fn no_emergency_level_asks_for_more_than_grip_and_brakes() {
+    let scenario = scenario(road(4.0, 200.0), Vec::new());
+    let strong = EmergencyLimits { acceleration: 20.0, deceleration: 20.0 };
+    for (name, friction) in builtin_names().iter().flat_map(|n| [1.0, 0.6, 0.15].map(|f| (n, f))) {
+        let vehicle = load(name).unwrap();
+        let mut settings = Settings::default();
+        settings.emergency.push(strong);
+        let planner = Planner::new(scenario.map(), &vehicle, &settings).unwrap();
+        let limits = ProofLimits::new(&vehicle, friction);
+        let grip = CONTROL_SHARE * friction * vehicle.tyres.friction * GRAVITY;
+        let levels = planner.emergency_levels(&limits, SafetyMargins::NONE);
+        assert_eq!(levels.len(), settings.emergency.len());
+        for level in levels {
+            let used = level.deceleration.hypot(level.lateral_limit);
+            assert!(used <= grip + 1e-9, "{name}, friction {friction}: {used} of {grip}");
+            assert!(level.braking <= level.deceleration && level.acceleration <= limits.acceleration());
+            assert!(level.deceleration <= CONTROL_SHARE * vehicle.limits.deceleration, "{name}, friction {friction}");
+        }
+    }
+}
