@@ -4,7 +4,7 @@ use stopline::drive::Outcome;
 use stopline::fixtures::parked;
 use stopline::geometry::Pose;
 use stopline::planner::Rejection;
-use stopline::vehicle::{CONTROL_SHARE, GRAVITY, GripUse, ProofLimits, builtin_names, load};
+use stopline::vehicle::{CONTROL_SHARE, GRAVITY, GripUse, ProofLimits, Vehicle, builtin_names, load};
 
 use crate::common::VEHICLE;
 use crate::scenes::{
@@ -93,6 +93,89 @@ fn proofs_on_ice_hold_at_every_distance() {
             if hardest >= grip {
                 wrong.push(format!("{case}: {hardest} m/s² of {grip} are proven"));
             }
+        }
+    }
+    assert_eq!(wrong, [""; 0]);
+}
+
+/// A stop that brakes and tyres give with the reserve of proofs is found on every road: straight ahead it needs no grip to turn.
+#[test]
+#[ignore = "emergency levels that need all of the grip for braking permit no lateral acceleration at all, and so reject each path"]
+fn a_possible_stop_is_found_on_every_road() {
+    let mut wrong = Vec::new();
+    for (name, friction) in ["bmw_320i", "ford_escort", "truck"].iter().flat_map(|n| [0.6, ICE].map(|f| (n, f))) {
+        let vehicle = load(name).unwrap();
+        let margin = vehicle.tracking_margins(&GripUse { total: 1.0, turning: 0.0, curvature: 0.0 }).longitudinal;
+        for (speed, share) in [(3.0, 1.1), (8.0, 1.05), (8.0, 1.3)] {
+            // half a metre: a cell of the collision checks
+            let distance = share * hardest_stop(&vehicle, speed, friction) + margin + 0.5;
+            let scenario = before_a_wall(&vehicle, speed, distance);
+            let run = driven_until(&scenario, &vehicle, friction, 1.0);
+            if unproven(&run) > 0 {
+                let why = run.cycles[0].summary();
+                wrong.push(format!("{name}, friction {friction}, {speed} m/s, {distance:.1} m: {why}"));
+            }
+        }
+    }
+    assert_eq!(wrong, [""; 0]);
+}
+
+/// A proof that is found when a vehicle that braked without one has almost stopped holds, too.
+#[test]
+#[ignore = "a start within one margin, even of the road beside, excuses the plan from all margins for 6 m"]
+fn a_proof_at_the_end_of_a_stop_without_one_holds() {
+    let mut wrong = Vec::new();
+    for (name, friction, speed, distances) in [
+        ("truck", ICE, 3.0, [5.6, 6.6]),
+        ("truck", ICE, 8.0, [31.2, 33.0]),
+        ("truck", 1.0, 4.0, [2.3, 2.4]),
+        ("f1tenth", ICE, 2.5, [3.5, 3.6]),
+        ("bmw_320i", 1.0, 5.0, [1.8, 2.0]),
+        ("bmw_320i", 1.0, 12.0, [9.0, 9.6]),
+    ] {
+        let vehicle = load(name).unwrap();
+        for distance in distances {
+            let scenario = before_a_wall(&vehicle, speed, distance);
+            let run = driven_until(&scenario, &vehicle, friction, 10.0);
+            wrong.extend(broken_claims(&run, &format!("{name}, friction {friction}, {speed} m/s, {distance:.1} m")));
+        }
+    }
+    assert_eq!(wrong, [""; 0]);
+}
+
+/// The deceleration that stops before the wall after the lag of the brakes, with the tube of calm driving, m/s².
+fn needed(vehicle: &Vehicle, speed: f64, distance: f64) -> f64 {
+    let margin = vehicle.tracking_margins(&GripUse::default()).longitudinal;
+    speed * speed / (2.0 * (distance - speed * vehicle.actuators.brake_lag - margin))
+}
+
+/// An emergency is no reason to brake with all there is.
+#[test]
+#[ignore = "the deceleration of emergency levels is discrete"]
+fn a_stop_brakes_about_as_hard_as_needed() {
+    let mut wrong = Vec::new();
+    for (speed, distance) in [
+        (2.0, 1.0),
+        (3.0, 1.6),
+        (5.0, 3.0),
+        (5.0, 4.0),
+        (8.0, 6.8),
+        (8.0, 9.0),
+        (10.0, 12.0),
+        (10.0, 15.0),
+        (14.0, 25.0),
+    ] {
+        let scenario = before_a_wall(&VEHICLE, speed, distance);
+        let run = driven(&scenario, &VEHICLE);
+        let case = format!("{speed} m/s, {distance} m");
+        wrong.extend(broken_claims(&run, &case));
+        if unproven(&run) > 0 {
+            wrong.push(format!("{case}: {}", run.cycles[0].summary()));
+        }
+        let most = (1.25 * speed * speed / (2.0 * distance)).max(1.05 * needed(&VEHICLE, speed, distance));
+        let planned = run.cycles.iter().map(|c| hardest_braking(&c.plan)).fold(0.0, f64::max);
+        if planned > most.max(VEHICLE.comfort.aggressive_deceleration) {
+            wrong.push(format!("{case}: plans brake with up to {planned:.2} m/s² where {most:.2} suffice"));
         }
     }
     assert_eq!(wrong, [""; 0]);
