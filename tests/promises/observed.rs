@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use proptest::prelude::*;
 use stopline::collision::Blocker;
 use stopline::fixtures::{driving, parked};
 use stopline::geometry::{Point, Pose};
@@ -150,34 +149,36 @@ fn proofs_hold_for_a_vehicle_beside_its_plan() {
     assert!(proven.len() > 20, "{}: {proven:?}", proven.len());
 }
 
-/// A random scene: a wall or a car somewhere ahead, one beside, a lane beside.
-fn random_scene() -> impl Strategy<Value = (f64, f64, f64, f64, f64)> {
-    (2.0..14.0f64, 5.0..40.0f64, 0.15..1.6f64, -2.0..4.0f64, -0.6..0.6f64)
+/// How the plan of a mirrored scene differs from the mirrored plan, as text; `None` if it does not. The scene: a wall of 1.2 m ahead, its
+/// middle at y, another one 12 m behind it, a lane beside, a start aside of the lane's middle, m.
+fn differs_mirrored([speed, ahead, y, beside, aside]: [f64; 5]) -> Option<String> {
+    let other = parked(78, Pose::new(START + ahead + 12.0, beside, 0.0), 3.0, 1.2);
+    let mut scenario = scene(lanes(3.5, true), speed, vec![in_front(&VEHICLE, ahead, y, 1.2), other]);
+    scenario.problems[0].initial.centre.position.y = aside;
+    let mirror = PlaneMotion { is_mirrored: true, ..PlaneMotion::NONE };
+    let mirrored = mirror.scenario(&scenario);
+    let [plan, reflected] = [&scenario, &mirrored].map(|scenario| {
+        let mut planner = Planner::new(scenario.map(), &VEHICLE, &Settings::default()).unwrap();
+        let start = at_start(scenario, &VEHICLE);
+        planner.cycle(&Observation::of_scenario(scenario, &scenario.problems[0], start)).unwrap()
+    });
+    let claim = |plan: &Plan| (plan.level, plan.decision, plan.stops_for);
+    let apart = (0..80).map(|i| 0.1 * f64::from(i)).map(|time| {
+        let (point, other) = (plan.trajectory.at(time), reflected.trajectory.at(time));
+        (other.pose.position - mirror.pose(&point.pose).position).norm().max((other.speed - point.speed).abs())
+    });
+    let apart = apart.fold(0.0, f64::max);
+    let same = claim(&plan) == claim(&reflected) && apart < 1e-3;
+    (!same).then(|| format!("{:?} and {:?}, {apart} m or m/s apart", claim(&plan), claim(&reflected)))
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
-
-    /// Left and right are the same: the mirrored observation has the mirrored plan, with the same claim.
-    #[test]
-    fn a_mirrored_observation_has_the_mirrored_plan((speed, ahead, y, beside, aside) in random_scene()) {
-        let other = parked(78, Pose::new(START + ahead + 12.0, beside, 0.0), 3.0, 1.2);
-        let mut scenario = scene(lanes(3.5, true), speed, vec![in_front(&VEHICLE, ahead, y, 1.2), other]);
-        scenario.problems[0].initial.centre.position.y = aside;
-        let mirror = PlaneMotion { is_mirrored: true, ..PlaneMotion::NONE };
-        let mirrored = mirror.scenario(&scenario);
-        let [plan, reflected] = [&scenario, &mirrored].map(|scenario| {
-            let mut planner = Planner::new(scenario.map(), &VEHICLE, &Settings::default()).unwrap();
-            let start = at_start(scenario, &VEHICLE);
-            planner.cycle(&Observation::of_scenario(scenario, &scenario.problems[0], start)).unwrap()
-        });
-        prop_assert_eq!((plan.level, plan.decision, plan.stops_for), (reflected.level, reflected.decision, reflected.stops_for));
-        for time in (0..80).map(|i| 0.1 * f64::from(i)) {
-            let (point, other) = (plan.trajectory.at(time), reflected.trajectory.at(time));
-            let expected = mirror.pose(&point.pose);
-            let apart = (other.pose.position - expected.position).norm();
-            prop_assert!(apart < 1e-3, "{} m apart after {} s", apart, time);
-            prop_assert!((other.speed - point.speed).abs() < 1e-3);
-        }
+/// Left and right are the same: the mirrored observation has the mirrored plan, with the same claim.
+#[test]
+fn a_mirrored_observation_has_the_mirrored_plan() {
+    let rng = &mut fastrand::Rng::with_seed(1);
+    for _ in 0..60 {
+        let scene =
+            [(2.0, 14.0), (5.0, 40.0), (0.15, 1.6), (-2.0, 4.0), (-0.6, 0.6)].map(|(a, b)| a + (b - a) * rng.f64());
+        assert_eq!(differs_mirrored(scene), None, "{scene:?}");
     }
 }
