@@ -128,7 +128,7 @@ fn blocks_junction(x: f64) -> bool {
 
 /// The lane is blocked shortly behind a junction, seen from far: the vehicle stops before the junction.
 #[test]
-#[ignore = "zones without stopping hold for the rear axle alone, and the plan brakes for them late and with a jerk of 9 m/s³"]
+#[ignore = "it stops inside the junction, and brakes with a jerk of 9 m/s³"]
 fn a_vehicle_stops_before_a_junction_that_it_cannot_leave() {
     let mut wrong = Vec::new();
     for (behind, speed) in [(3.0, 10.0), (1.5, 10.0), (3.0, 6.0), (4.0, 13.0)] {
