@@ -255,23 +255,28 @@ impl<'w> EdgeProbe<'w> {
         from: (usize, usize),
     ) -> Option<Blocker> {
         let statics = &self.world.statics;
-        let first = |entries: &[u32], pieces: &[Convex], margins: &Margins| {
+        let allowance = search.allowance;
+        let is_reduced = leaves <= allowance.reduced_until;
+        let first = |entries: &[u32], pieces: &[Convex], margins: &Margins, share: f64| {
             if entries.is_empty() {
                 return None;
             }
-            let margins = if leaves <= search.allowance.no_margins_until { &Margins::NONE } else { margins };
-            let mut shape = self.world.outline.footprint(ends, margins, slack.at(margins.reach()));
+            let margins = margins.scaled(if is_reduced { share } else { 1.0 });
+            let mut shape = self.world.outline.footprint(ends, &margins, slack.at(margins.reach()));
             let aabb = shape.aabb();
             entries.iter().copied().find(|i| {
                 let piece = &pieces[*i as usize];
                 boxes_meet(piece.aabb(), &aabb) && piece.overlaps(&mut shape)
             })
         };
-        if let Some(piece) = first(&self.near.obstacles[from.0..], statics.obstacles(), &search.obstacles) {
+        if let Some(piece) =
+            first(&self.near.obstacles[from.0..], statics.obstacles(), &search.obstacles, allowance.to_obstacles)
+        {
             return Some(statics.blocker(piece));
         }
         let on_edge = search.checks_road(leaves)
-            && first(&self.near.boundary[from.1..], statics.road().boundary(), &search.boundary).is_some();
+            && first(&self.near.boundary[from.1..], statics.road().boundary(), &search.boundary, allowance.to_road)
+                .is_some();
         on_edge.then_some(Blocker::RoadBoundary)
     }
 }

@@ -22,6 +22,12 @@ impl Margins {
         Self { lateral: margin, longitudinal: margin }
     }
 
+    /// A share of them.
+    #[must_use]
+    pub fn scaled(&self, share: f64) -> Self {
+        Self { lateral: share * self.lateral, longitudinal: share * self.longitudinal }
+    }
+
     /// Displacement of a corner, m.
     pub(super) fn reach(&self) -> f64 {
         self.lateral.hypot(self.longitudinal)

@@ -29,15 +29,27 @@ pub struct StaticHit {
 /// must be able to leave. Stations are m from the start of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
-    /// Up to this station footprints have no margins, m.
-    pub no_margins_until: f64,
+    /// Up to this station footprints keep only the shares of their margins, m.
+    pub reduced_until: f64,
+    /// Share of the margins to obstacles, from 0 to 1.
+    pub to_obstacles: f64,
+    /// Share of the margin to the road boundary, from 0 to 1.
+    pub to_road: f64,
     /// Up to this station the road boundary is ignored, m.
     pub no_road_until: f64,
 }
 
 impl Allowance {
     /// No relaxation.
-    pub const NONE: Self = Self { no_margins_until: f64::NEG_INFINITY, no_road_until: f64::NEG_INFINITY };
+    pub const NONE: Self =
+        Self { reduced_until: f64::NEG_INFINITY, to_obstacles: 1.0, to_road: 1.0, no_road_until: f64::NEG_INFINITY };
+
+    /// For the part of the path from a station (m) on.
+    #[must_use]
+    pub fn beyond(self, station: f64) -> Self {
+        let (reduced_until, no_road_until) = (self.reduced_until - station, self.no_road_until - station);
+        Self { reduced_until, no_road_until, ..self }
+    }
 }
 
 /// Distances of a path to the static world, m, each limited to a cap.

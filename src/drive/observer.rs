@@ -1,6 +1,8 @@
 //! What the vehicle observes: the obstacles in sight at the time of a cycle, each with a prediction.
 //!
-//! An obstacle that is not born yet, is gone, or is out of sight is not in the observation. The sensor sees all around and
+//! An obstacle that is not born yet, is gone, or is out of sight is not in the observation. A record that ends on the road does not say
+//! that the obstacle has gone: it is remembered where the record ends for as long as the planner extrapolates its motion
+//! (`planner.extrapolation.duration`). The verdict keeps CommonRoad's meaning, in which it is gone. The sensor sees all around and
 //! without a limit by default; `[observation.sensor]` gives it a range, a field of view, occlusion, a delay and misses. With a
 //! delay it shows the obstacles as they were, with predictions from then on. An obstacle is occluded if the straight lines from
 //! the sensor, at the centre of the vehicle, to its centre and its corners all cross another obstacle.
@@ -143,7 +145,8 @@ impl<'a> Observer<'a> {
             _ => {
                 let predicted = |i: &usize| {
                     let obstacle = &self.scenario.obstacles[*i];
-                    prediction::predicted(obstacle, seen_at, prediction_horizon, prediction, &self.scenario.network)
+                    let last_seen = seen_at.min(obstacle.lifetime().1);
+                    prediction::predicted(obstacle, last_seen, prediction_horizon, prediction, &self.scenario.network)
                 };
                 in_sight.iter().map(predicted).collect()
             }
@@ -165,7 +168,7 @@ impl<'a> Observer<'a> {
             .obstacles
             .iter()
             .enumerate()
-            .map(|(i, o)| (i, occupied(o, seen_at)))
+            .map(|(i, o)| (i, self.last_place(o, seen_at)))
             .filter(|(_, parts)| !parts.is_empty())
             .collect();
         let eye = self.vehicle.centre_of_rear_axle(pose);
@@ -181,6 +184,13 @@ impl<'a> Observer<'a> {
             parts.iter().flat_map(points_of).any(|p| visible(&p)) && !sensor.misses(self.scenario.obstacles[*i].id, now)
         };
         exists.iter().filter(|e| is_seen(e)).map(|(i, _)| *i).collect()
+    }
+
+    /// What an obstacle occupies at a time (s), or occupied when its record ended, for as long as the planner extrapolates it.
+    fn last_place(&self, obstacle: &Obstacle, time: f64) -> Vec<ConvexPart> {
+        let (_, ends) = obstacle.lifetime();
+        let is_remembered = time <= ends + self.settings.planner.extrapolation.duration;
+        occupied(obstacle, if is_remembered { time.min(ends) } else { time })
     }
 }
 

@@ -76,10 +76,7 @@ impl KeptPrefix {
             hit: probe.as_mut().and_then(|probe| probe.static_hit(&context.margins, &root.allowance)),
             clearance: probe.map_or(Self::EMPTY.clearance, |mut probe| probe.clearance(desired)),
             sweeps: path.iter().map(|path| Arc::new(context.world.sweep_path(path))).collect(),
-            allowance: Allowance {
-                no_margins_until: root.allowance.no_margins_until - length,
-                no_road_until: root.allowance.no_road_until - length,
-            },
+            allowance: root.allowance.beyond(length),
         }
     }
 }

@@ -10,10 +10,11 @@
 //!
 //! Weak: the lag of the drive, which is longer for some vehicles, is left to the tracking controller.
 
+use super::Planner;
+use super::allowance::{Kept, allowance_at};
 use super::level::NO_MARGINS;
 use super::record::ExpectedContact;
 use super::unproven::first_contact;
-use super::{Planner, allowance_at};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory, TrajectoryPoint};
@@ -147,7 +148,7 @@ impl Planner<'_> {
         let end = lead.end(0.0);
         let ends = end.time;
         let at = TrajectoryPoint { pose: lead.start, time: lead.begins, ..end };
-        let allowance = allowance_at(world, &NO_MARGINS, &at);
+        let allowance = allowance_at(world, &NO_MARGINS, &at, Kept::Nothing);
         let hit = world.probe_path(&path).static_hit(&NO_MARGINS, &allowance);
         let fixed = hit.map(|hit| (hit.station, hit.what));
         first_contact(world.predictions(), &[&sweep], fixed, &profile, (lead.begins, ends))

@@ -23,6 +23,7 @@
 //!
 //! Weak: a cycle without a proven plan tries every level and takes the longest, when time matters most.
 
+mod allowance;
 mod along;
 mod candidate;
 mod cause;
@@ -57,6 +58,7 @@ pub use settings::{
 use std::sync::Arc;
 use std::time::Instant;
 
+use self::allowance::{Kept, allowance_at};
 use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON};
 use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
@@ -66,8 +68,7 @@ use self::lead::Lead;
 use self::level::LevelLimits;
 use self::traffic::Traffic;
 use self::tube::{Deviation, Driven, OutOfTube, Tube};
-use crate::collision::{Allowance, Blocker, CollisionWorld, SafetyMargins, Sweep};
-use crate::geometry::spiral::CubicSpiral;
+use crate::collision::{CollisionWorld, SafetyMargins, Sweep};
 use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
 use crate::map::{Goal, Map};
 use crate::reference::{Frenet, ReferenceLine};
@@ -145,7 +146,7 @@ struct Start {
     lead: Lead,
     /// The state at the end of the lead; its station is that on the committed trajectory.
     point: TrajectoryPoint,
-    /// The first contact during a lead that is not on the committed trajectory.
+    /// The first contact during a lead that is not part of a proof.
     lead_contact: Option<ExpectedContact>,
     /// How far the vehicle is from the committed trajectory, if plans start on it.
     deviation: Deviation,
@@ -251,7 +252,7 @@ impl<'m> Planner<'m> {
                 self.committed = Some(self.committed_of(&start, level, choice, profile, smoothing));
                 Decision::NewPlan
             }
-            None if start.on_plan => Decision::KeepPrevious,
+            None if start.on_plan && self.has_proof() => Decision::KeepPrevious,
             None => {
                 let unproven = self.unproven(&start, &mut record);
                 contact = unproven.1;
@@ -331,13 +332,14 @@ impl<'m> Planner<'m> {
     /// The start of plans: on the committed trajectory, or from the measured state if its tracking error is too large.
     fn start(&self, state: &State) -> Start {
         let duration = lead::duration(&self.vehicle);
-        // the reference of a plan without a proof may be beyond what the vehicle can follow
-        let near = |c: &&Committed| c.level.is_proven() && self.is_near(&c.trajectory.at(state.time), &state.pose);
-        if let Some(Committed { trajectory, .. }) = self.committed.as_ref().filter(near) {
+        // full braking may be beyond what the vehicle can follow
+        let near = |c: &&Committed| c.tube.is_known() && self.is_near(&c.trajectory.at(state.time), &state.pose);
+        if let Some(Committed { trajectory, level, .. }) = self.committed.as_ref().filter(near) {
             let deviation = Deviation::between(&trajectory.at(state.time).pose, &state.pose);
             let lead = Lead::on(trajectory, state.time, duration);
             let point = trajectory.at(state.time + duration);
-            return Start { lead, point, lead_contact: None, deviation, on_plan: true };
+            let lead_contact = if level.is_proven() { None } else { self.contact_during(&lead) };
+            return Start { lead, point, lead_contact, deviation, on_plan: true };
         }
         let lead = Lead::extrapolated(state, &self.vehicle, duration);
         let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
@@ -432,7 +434,7 @@ impl<'m> Planner<'m> {
 
     fn roots(&self, start: &Start, world: &CollisionWorld, margins: &SafetyMargins) -> Vec<Root> {
         let p = &start.point;
-        let allowance = allowance_at(world, margins, p);
+        let allowance = allowance_at(world, margins, p, Kept::Nothing);
         let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
         let kept = committed_plan(self.committed.as_ref(), start).and_then(|plan| plan.kept());
         let kept =
@@ -569,6 +571,11 @@ impl<'m> Planner<'m> {
         }
     }
 
+    /// Whether the committed plan has a proof.
+    fn has_proof(&self) -> bool {
+        self.committed.as_ref().is_some_and(|c| c.level.is_proven())
+    }
+
     /// The latest end of the task, s of the run; infinite without a goal.
     fn task_ends(&self) -> f64 {
         let goals = self.goals.as_deref().unwrap_or_default();
@@ -578,7 +585,8 @@ impl<'m> Planner<'m> {
     /// Whether the choice replaces the committed plan.
     fn is_worth_taking(&self, start: &Start, level: LevelLimits, choice: &Choice, record: &mut CycleRecord) -> bool {
         let soon = choice.proven.raw_profile.last().station.min(choice.proven.progress);
-        let worth = committed_plan(self.committed.as_ref(), start).is_none_or(|plan| {
+        let proven = self.committed.as_ref().filter(|c| c.level.is_proven());
+        let worth = committed_plan(proven, start).is_none_or(|plan| {
             plan.is_worth_leaving(soon)
                 && (!plan.is_different_path(&choice.path.path)
                     || self
@@ -610,8 +618,8 @@ impl<'m> Planner<'m> {
     }
 }
 
-/// Accuracy of the deceleration of emergency plans, m/s²: well below what a passenger notices.
-const DECELERATION_STEP: f64 = 0.5;
+/// Accuracy of the deceleration of emergency plans, m/s²: below what a passenger notices.
+const DECELERATION_STEP: f64 = 0.2;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
@@ -630,23 +638,6 @@ const LONG_RUN: f64 = 10.0;
 const STANDSTILL_SPEED: f64 = 0.02;
 /// Largest lateral distance from the reference line of a lane at which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
-
-/// The allowance of collision checks for a vehicle that stands inside a margin or partly off the road.
-fn allowance_at(world: &CollisionWorld, margins: &SafetyMargins, p: &TrajectoryPoint) -> Allowance {
-    /// Distance within which the vehicle must leave a margin, m.
-    const LEAVE_MARGIN: f64 = 6.0;
-    /// Distance within which the vehicle must return to the road, m.
-    const RETURN_TO_ROAD: f64 = 15.0;
-    let mut here = world.probe(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
-    if here.static_hit(margins, &Allowance::NONE).is_none() {
-        return Allowance::NONE;
-    }
-    let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);
-    Allowance {
-        no_margins_until: LEAVE_MARGIN,
-        no_road_until: if off_road { RETURN_TO_ROAD } else { f64::NEG_INFINITY },
-    }
-}
 
 /// Whether a path that starts off the road by some metres returns to it without a detour, up to the station from which it has to be
 /// on it (m). What a start imposes is excused only while it shrinks.

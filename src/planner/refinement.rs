@@ -9,11 +9,12 @@
 
 use std::time::Instant;
 
+use super::allowance::{Kept, allowance_at};
 use super::candidate::{Evaluation, Proven, delay};
 use super::choice::Choice;
 use super::level::LevelLimits;
 use super::tube::Tube;
-use super::{CycleRecord, Planner, Start, allowance_at, committed_plan, context};
+use super::{CycleRecord, Planner, Start, committed_plan, context};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
 
@@ -56,7 +57,7 @@ impl Planner<'_> {
         // the lattice path bends more than the refined one, so that its tube is wide enough
         let level = LevelLimits { margins: level.margins.at_least(&choice.tube.margins), ..level };
         let world = &self.known.world;
-        let allowance = allowance_at(world, &level.margins, &start.point);
+        let allowance = allowance_at(world, &level.margins, &start.point, Kept::Nothing);
         if allowance.no_road_until > 0.0 {
             // the corridor of a refinement is that of the road
             return None;

@@ -8,9 +8,10 @@
 //! A plan with margins that holds only without them goes on as one without. A plan that holds no more is one without a proof:
 //! [`Level::Unproven`].
 
+use super::allowance::{Kept, allowance_at};
 use super::level::Level;
 use super::tube::Deviation;
-use super::{Committed, Planner, allowance_at};
+use super::{Committed, Planner};
 use crate::collision::{SafetyMargins, Sweep};
 use crate::speed::{AccelerationLimits, SpeedProblem, prove};
 use crate::trajectory::{Path, Trajectory};
@@ -41,16 +42,17 @@ impl Planner<'_> {
     fn holds(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {
         plan.deceleration <= self.limits.deceleration() + ACCELERATION_SLACK
             && (plan.statics == self.known.statics && plan.margins.at_least(margins) == plan.margins
-                || self.is_free_of_statics(&plan.trajectory, margins, now))
+                || self.is_free_of_statics(&plan.trajectory, margins, now, Kept::Nothing)
+                    && self.is_free_of_statics(&plan.trajectory, &plan.tube.margins, now, Kept::Share))
             && self.is_free_of_traffic(&plan.trajectory, (&plan.sweeps(), plan.fine_until), margins, robust, now)
     }
 
     /// Whether the part of the path that is still ahead is free of static obstacles, up to the standstill.
-    pub(super) fn is_free_of_statics(&self, plan: &Trajectory, margins: &SafetyMargins, now: f64) -> bool {
+    pub(super) fn is_free_of_statics(&self, plan: &Trajectory, margins: &SafetyMargins, now: f64, kept: Kept) -> bool {
         let (world, here) = (&self.known.world, plan.at(now));
         let ahead = Path::new(here.pose, &plan.path.part(here.station, f64::INFINITY));
         let Some(ahead) = ahead else { return true };
-        let allowance = allowance_at(world, margins, &here);
+        let allowance = allowance_at(world, margins, &here, kept);
         let hit = world.probe_path(&ahead).static_hit(margins, &allowance);
         hit.is_none_or(|hit| here.station + hit.station >= plan.profile.last().station - STATION_SLACK)
     }

@@ -13,13 +13,14 @@
 //! ([`Driven`]). A vehicle outside of its tube is not as described: its deviation is added to the margins. If nothing is proven with these,
 //! or if the vehicle is rather beside its plan than on it, it is planned for from its measured state.
 //!
-//! Weak: within a margin that the start of a plan is already inside of, the tube is not checked for the first metres
-//! (`allowance_at`).
+//! Weak: to what is inside the tube at the start of a plan, only the share of the tube that is free there is kept for the first metres
+//! ([`super::allowance`]).
 
 use std::sync::Arc;
 
+use super::allowance::{Kept, allowance_at};
 use super::level::LevelLimits;
-use super::{Planner, Start, allowance_at, lead};
+use super::{Planner, Start, lead};
 use crate::collision::{Allowance, Margins, SafetyMargins, Sweep};
 use crate::geometry::Pose;
 use crate::lattice::LatticePath;
@@ -42,11 +43,16 @@ pub(super) struct Tube {
 }
 
 impl Tube {
-    /// Of a plan without a proof: nothing is claimed of it.
+    /// Of full braking without a proof: nothing is known of it.
     pub(super) const UNKNOWN: Self = Self {
         error: TrackingError { lateral: f64::INFINITY, longitudinal: f64::INFINITY, heading: f64::INFINITY },
         margins: SafetyMargins::NONE,
     };
+
+    /// Whether it contains the vehicle while this follows the plan.
+    pub(super) fn is_known(&self) -> bool {
+        self.error.lateral.is_finite()
+    }
 
     /// With this largest use of the grip.
     pub(super) fn with(vehicle: &Vehicle, used: &GripUse) -> Self {
@@ -157,24 +163,27 @@ impl Planner<'_> {
         path: &LatticePath,
         profile: &SpeedProfile,
     ) -> Result<Tube, OutOfTube> {
-        if !level.level.is_proven() {
-            return Ok(Tube::UNKNOWN);
-        }
         let trajectory = start.lead.followed_by(&path.path, profile);
         let used = self.described.drivable(self.friction, &trajectory).map_err(|_| OutOfTube::NotDrivable)?;
         let tube = Tube::with(&self.described, &used.max(self.driven.used())).containing(&start.deviation);
+        if !level.level.is_proven() {
+            // it claims nothing of what is inside
+            return Ok(tube);
+        }
         let margins = level.margins.at_least(&tube.margins);
         // a start inside the margins of the level is excused from them, not from the tube
-        let is_excused = allowance_at(&self.known.world, &level.margins, &start.point) != Allowance::NONE;
+        let allowance = allowance_at(&self.known.world, &level.margins, &start.point, Kept::Nothing);
+        let is_excused = allowance != Allowance::NONE;
         let kept = if is_excused { tube.margins } else { margins };
-        let is_free = kept == level.margins || self.is_tube_free(start, level, &trajectory, &path.sweeps, &kept);
+        let is_free =
+            (kept == level.margins && !is_excused) || self.is_tube_free(start, level, &trajectory, &path.sweeps, &kept);
         if is_free { Ok(tube) } else { Err(OutOfTube::Blocked(margins)) }
     }
 
     /// A path that ends in front of whatever is inside these margins.
     pub(super) fn shortened(&self, start: &Start, margins: &SafetyMargins, path: LatticePath) -> LatticePath {
         let world = &self.known.world;
-        let allowance = allowance_at(world, margins, &start.point);
+        let allowance = allowance_at(world, margins, &start.point, Kept::Nothing);
         match world.probe_path(&path.path).static_hit(margins, &allowance) {
             Some(hit) if hit.station < path.free_length => {
                 LatticePath { free_length: hit.station, blocked_by: Some(hit.what), ..path }
@@ -191,13 +200,19 @@ impl Planner<'_> {
         sweeps: &[Arc<Sweep>],
         margins: &SafetyMargins,
     ) -> bool {
-        let lead = start.lead.path().map(|path| self.known.world.sweep_path(&path));
+        let world = &self.known.world;
+        let now = trajectory.start_time;
+        let lead = start.lead.path();
+        // what is imposed on the lead does not excuse what comes after it
+        let is_lead_free = lead.as_ref().is_none_or(|path| {
+            let allowance = allowance_at(world, margins, &trajectory.at(now), Kept::Share);
+            world.probe_path(path).static_hit(margins, &allowance).is_none()
+        });
+        let lead = lead.map(|path| world.sweep_path(&path));
         let sweeps: Vec<&Sweep> = lead.iter().chain(sweeps.iter().map(AsRef::as_ref)).collect();
         let fine_until = start.lead.length() + level.fine_until(start.point.speed);
-        let now = trajectory.start_time;
-        // what is imposed on the lead does not excuse what comes after it
-        let from = [now, start.point.time];
-        from.iter().all(|time| self.is_free_of_statics(trajectory, margins, *time))
+        is_lead_free
+            && self.is_free_of_statics(trajectory, margins, start.point.time, Kept::Share)
             && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
     }
 }

@@ -6,11 +6,13 @@
 //! 3. Otherwise every path of the hardest such level is driven with full braking, and the one with the latest first contact
 //!    wins; of those, the one with the lowest speed at contact. The arc along the present steering angle is one of them.
 //!
-//! Such a plan claims nothing. A new one starts from the measured state, because the reference of a plan without a proof may be beyond
-//! what the vehicle can follow.
+//! Such a plan claims nothing. One of the first two kinds is within what the vehicle can follow ([`super::tube`]), so that the next cycle
+//! goes on from it: from the measured state, each cycle would begin the swerve anew, later by the lags of the actuators. Full braking may
+//! be beyond that; the next plan starts from the measured state.
 //!
 //! Weak: the severity of a contact is its speed alone; a contact with a pedestrian counts as one with a wall.
 
+use super::allowance::Kept;
 use super::level::{Level, LevelLimits, NO_MARGINS, fine_until};
 use super::record::ExpectedContact;
 use super::tube::Tube;
@@ -90,7 +92,7 @@ impl Planner<'_> {
         let reference = trajectory.at(now);
         let is_near = self.is_near(&reference, start.lead.start());
         let is_free = || {
-            self.is_free_of_statics(trajectory, &NO_MARGINS, now)
+            self.is_free_of_statics(trajectory, &NO_MARGINS, now, Kept::Nothing)
                 && self.is_free_of_traffic(
                     trajectory,
                     (&committed.sweeps(), committed.fine_until),
@@ -101,7 +103,6 @@ impl Planner<'_> {
         };
         (is_near && is_free()).then(|| Committed {
             level: Level::Unproven,
-            tube: Tube::UNKNOWN,
             margins: NO_MARGINS,
             robust: false,
             smoothing: Smoothing::EmergencyStop,

@@ -26,7 +26,9 @@ fn margins(random: &mut Random) -> SafetyMargins {
 
 fn allowance(random: &mut Random) -> Allowance {
     let mut until = || if random.next() < 0.7 { f64::NEG_INFINITY } else { random.within(-1.0, 15.0) };
-    Allowance { no_margins_until: until(), no_road_until: until() }
+    let (reduced_until, no_road_until) = (until(), until());
+    let mut share = || [0.0, 0.25, 1.0][random.within(0.0, 3.0) as usize];
+    Allowance { reduced_until, to_obstacles: share(), to_road: share(), no_road_until }
 }
 
 /// The pieces of the world: static obstacles in order of their ids, then the segments of the boundary.
@@ -99,13 +101,14 @@ fn flat(pieces: &Pieces, world: &World, sweep: &Sweep, path: &Path, allowance: &
     let off_road = first_checked.filter(|limit| !is_on_road(*limit)).map(|limit| limit.min(sweep.cells() - 1));
     let in_cell = |cell: usize| {
         let leaves = sweep.stations()[cell + 1];
-        let first = |margins: Margins, counts: fn(Blocker) -> bool| {
-            let margins = if leaves <= allowance.no_margins_until { Margins::NONE } else { margins };
+        let first = |margins: Margins, share: f64, counts: fn(Blocker) -> bool| {
+            let margins = if leaves <= allowance.reduced_until { margins.scaled(share) } else { margins };
             sweep.part_footprints(cell, &margins).iter().find_map(|hull| pieces.first(hull, 0.0, counts))
         };
-        let obstacle = first(world.margins.static_obstacles, is_obstacle);
+        let obstacle = first(world.margins.static_obstacles, allowance.to_obstacles, is_obstacle);
         let checks_road = leaves > allowance.no_road_until;
-        let edge = || first(to_boundary(&world.margins), |what| !is_obstacle(what)).filter(|_| checks_road);
+        let edge =
+            || first(to_boundary(&world.margins), allowance.to_road, |what| !is_obstacle(what)).filter(|_| checks_road);
         obstacle.or_else(edge).or_else(|| off_road.filter(|limit| *limit == cell).map(|_| Blocker::RoadBoundary))
     };
     (0..sweep.cells()).map(in_cell).collect()

@@ -327,7 +327,7 @@ fn a_start_partly_off_the_road_has_a_depth_and_an_allowance() {
     assert!(world.start_overlap(&Pose::new(0.0, 0.0, 0.0), 0.0).is_none());
     let back = CubicSpiral { knots: [-0.05, -0.02, 0.02, 0.05], length: 20.0 };
     assert_eq!(world.hit(&start, &back).unwrap().cell, 0);
-    let allowance = Allowance { no_margins_until: 12.0, no_road_until: 12.0 };
+    let allowance = Allowance { reduced_until: 12.0, to_obstacles: 0.0, to_road: 0.0, no_road_until: 12.0 };
     let later = world.hit_from_start(&start, &back, &allowance);
     assert!(later.is_none_or(|hit| hit.station >= 12.0), "{later:?}");
 }

@@ -122,7 +122,6 @@ fn a_possible_stop_is_found_on_every_road() {
 
 /// A proof that is found when a vehicle that braked without one has almost stopped holds, too.
 #[test]
-#[ignore = "a start within one margin, even of the road beside, excuses the plan from all margins for 6 m"]
 fn a_proof_at_the_end_of_a_stop_without_one_holds() {
     let mut wrong = Vec::new();
     for (name, friction, speed, distances) in [
@@ -151,7 +150,6 @@ fn needed(vehicle: &Vehicle, speed: f64, distance: f64) -> f64 {
 
 /// An emergency is no reason to brake with all there is.
 #[test]
-#[ignore = "the deceleration of emergency levels is discrete"]
 fn a_stop_brakes_about_as_hard_as_needed() {
     let mut wrong = Vec::new();
     for (speed, distance) in [

@@ -198,7 +198,6 @@ fn a_vehicle_wider_than_its_lane_stays_in_its_middle() {
 
 /// It claims no margin to the edges that it does not have.
 #[test]
-#[ignore = "plans claim margins to edges that the vehicle is beyond"]
 fn a_vehicle_wider_than_its_lane_claims_no_margin_to_its_edges() {
     let mut wrong = Vec::new();
     for less in [0.02, 0.05, 0.08] {

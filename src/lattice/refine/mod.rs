@@ -320,14 +320,7 @@ impl<'a> Refinement<'a> {
                 let free_width = |s: &chain::Sample| {
                     let here = before + s.u * length;
                     // the allowance near the start applies to the first edge only
-                    let allowance = if i > 0 {
-                        Allowance::NONE
-                    } else {
-                        Allowance {
-                            no_margins_until: self.allowance.no_margins_until - here,
-                            no_road_until: self.allowance.no_road_until - here,
-                        }
-                    };
+                    let allowance = if i > 0 { Allowance::NONE } else { self.allowance.beyond(here) };
                     probe.free_width(s, &allowance)
                 };
                 let all = samples.into_iter().map(|s| (s, free_width(&s))).collect();
