@@ -1,6 +1,7 @@
 //! Starts off the road, and what emergency levels may use.
 
 use super::*;
+use crate::geometry::spiral::CubicSpiral;
 use crate::collision::CollisionSettings;
 use crate::fixtures::{collision_world, road, scenario, vehicle};
 use crate::geometry::Pose;

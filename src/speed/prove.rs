@@ -84,6 +84,8 @@ const BRAKING_SLACK: f64 = 0.7;
 /// Jerk of the transition from the start acceleration to braking, m/s³: that of a firm brake application. It bounds the
 /// speed at which a start above a speed limit is excused.
 const RAMP_JERK: f64 = 5.0;
+/// Jerk with which a start that brakes harder than the limit releases the brakes at least, m/s³: that of comfortable driving.
+const RELEASE_JERK: f64 = 1.5;
 /// Tolerance of acceleration limits, m/s²: the accuracy of a quadratic program's solution.
 const ACCELERATION_SLACK: f64 = 0.02;
 /// A profile this close to a node counts as on the node, m: far below any margin, far above rounding errors.
@@ -109,15 +111,20 @@ pub fn prove(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), Proof
 
 fn check_accelerations(problem: &SpeedProblem, profile: &SpeedProfile) -> Result<(), ProofViolation> {
     let limits = &problem.limits;
-    let start = profile.knots()[0].acceleration;
+    let (begins, start) = (profile.knots()[0].time, profile.knots()[0].acceleration);
     // the start acceleration may exceed the limits and takes time to decay
     let highest = limits.acceleration.max(start) + ACCELERATION_SLACK;
-    let lowest = (-limits.aggressive_deceleration).min(start) - ACCELERATION_SLACK;
+    let lowest = |time: f64| {
+        let released = start + RELEASE_JERK * (time - begins);
+        released.min(-limits.aggressive_deceleration) - ACCELERATION_SLACK
+    };
+    let released = begins + (-limits.aggressive_deceleration - start).max(0.0) / RELEASE_JERK;
     for pair in profile.knots().windows(2) {
-        let before_next = pair[0].acceleration + pair[0].jerk * (pair[1].time - pair[0].time);
-        for acceleration in [pair[0].acceleration, before_next] {
-            if !(lowest..=highest).contains(&acceleration) {
-                return Err(ProofViolation::TooHard { time: problem.start_time + pair[0].time, acceleration });
+        // the limit is concave: between two knots it is exceeded at a knot, or where the release ends
+        for time in [pair[0].time, released.clamp(pair[0].time, pair[1].time), pair[1].time] {
+            let acceleration = pair[0].acceleration + pair[0].jerk * (time - pair[0].time);
+            if !(lowest(time)..=highest).contains(&acceleration) {
+                return Err(ProofViolation::TooHard { time: problem.start_time + time, acceleration });
             }
         }
     }
@@ -299,6 +306,20 @@ mod tests {
         let mut gentle = valid;
         gentle.limits.aggressive_deceleration = 1.9;
         assert!(matches!(prove(&gentle, &cruise_and_brake(2.0)), Err(ProofViolation::TooHard { .. })));
+    }
+
+    /// A start that brakes at 3 m/s² where 2 m/s² are permitted releases the brakes at 1.5 m/s³: after 2/3 s.
+    #[test]
+    fn a_hard_start_is_excused_while_it_is_released() {
+        for (jerk, is_proven) in [(1.6, true), (1.4, false)] {
+            let start = SpeedKnot { time: 0.0, station: 0.0, speed: 10.0, acceleration: -3.0, jerk };
+            let then = SpeedKnot { acceleration: -2.0, jerk: 0.0, ..start.after(1.0 / jerk) };
+            let rest = SpeedKnot { acceleration: 0.0, ..then.after(then.speed / 2.0) };
+            let profile = SpeedProfile::new(vec![start, then, SpeedKnot { speed: 0.0, ..rest }]).unwrap();
+            let mut problem = empty_road(60.0, 10.0);
+            problem.limits.aggressive_deceleration = 2.0;
+            assert_eq!(prove(&problem, &profile).is_ok(), is_proven, "{jerk} m/s³");
+        }
     }
 
     /// 5 % of a limit, whatever the limit is: at 4 m/s, 0.7 m/s would be 38 % of lateral acceleration.

@@ -152,7 +152,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     let window = (0.0, f64::INFINITY);
     let goal = GoalOnLane { near: beside(45.0), far: beside(55.0), speed_limit: 0.3, window };
     let situation = place.situation(begins, Some(goal), &[]);
-    let (end, cause) = situation.speed_problem(&path).unwrap().stop.unwrap();
+    let (end, cause) = situation.cells(&path).unwrap().stop.unwrap();
     let station = goal.stop_station();
     assert_eq!(cause, Cause::Goal);
     let expected = 45.0 + station - goal.near;
@@ -161,7 +161,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     // a zone without stopping
     let zone = [(beside(30.0), beside(40.0))];
     let situation = place.situation(begins, None, &zone);
-    let problem = situation.speed_problem(&path).unwrap().problem;
+    let ForSearch(problem) = situation.for_search(&path, &situation.cells(&path).unwrap());
     let nodes = || problem.stations.iter().map(|s| y(*s)).zip(&problem.stopping_allowed);
     assert!(
         nodes().all(|(y, may)| *may || (30.0 - SLACK..=40.0 + SLACK).contains(&y)),
