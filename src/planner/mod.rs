@@ -145,6 +145,8 @@ struct Start {
     point: TrajectoryPoint,
     /// The first contact during a lead that is not on the committed trajectory.
     lead_contact: Option<ExpectedContact>,
+    /// Whether the vehicle skids beside the lead.
+    skids: bool,
     /// How far the vehicle is from the committed trajectory, if plans start on it.
     deviation: Deviation,
     /// Whether it is on the committed trajectory.
@@ -231,8 +233,9 @@ impl<'m> Planner<'m> {
         self.record_use(&start, state.time);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
-        // a contact during the lead can be proven away by no plan
-        let levels = if start.lead_contact.is_some() { Vec::new() } else { self.levels() };
+        // no plan can prevent a contact during the lead, and a vehicle that skids follows no plan
+        let is_hopeless = start.lead_contact.is_some() || start.skids;
+        let levels = if is_hopeless { Vec::new() } else { self.levels() };
         let choice = self.choose(&start, &levels, &mut record);
         let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
         let mut contact = None;
@@ -335,12 +338,13 @@ impl<'m> Planner<'m> {
             let deviation = Deviation::between(&trajectory.at(state.time).pose, &state.pose);
             let lead = Lead::on(trajectory, state.time, duration);
             let point = trajectory.at(state.time + duration);
-            return Start { lead, point, lead_contact: None, deviation, on_plan: true };
+            return Start { lead, point, lead_contact: None, skids: false, deviation, on_plan: true };
         }
         let lead = Lead::extrapolated(state, &self.vehicle, duration);
         let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
         let lead_contact = self.contact_during(&lead);
-        Start { lead, point, lead_contact, deviation: Deviation::default(), on_plan: false }
+        let skids = self.described.is_skidding(state, self.friction);
+        Start { lead, point, lead_contact, skids, deviation: Deviation::default(), on_plan: false }
     }
 
     /// The pair of path and speed with a proven stop on the gentlest of these levels, of those the cheapest. The lattice is searched

@@ -15,7 +15,8 @@
 //! - that begin without a step of the acceleration, for at least the slower lag of drive and brakes (after a step at the first
 //!   instant, the stop is further, by up to the distance driven during that lag),
 //! - on a road whose friction is the one that planner and controller believe,
-//! - a vehicle that is as described, without localisation error and dead time, and on its trajectory at the start.
+//! - a vehicle that is as described, without localisation error and dead time, and on its trajectory at the start, which means in its motion,
+//!   too: one that skids ([`Vehicle::is_skidding`]) leaves it at once.
 //!
 //! A new plan that begins with the motion of the plan before continues its trajectory: the bounds hold for the trajectory that the
 //! vehicle was given piece by piece, with its largest use.
