@@ -235,7 +235,7 @@ impl<'m> Planner<'m> {
         let mut record = CycleRecord::default();
         // no plan can prevent a contact during the lead, and a vehicle that skids follows no plan
         let is_hopeless = start.lead_contact.is_some() || start.skids;
-        let levels = if is_hopeless { Vec::new() } else { self.levels() };
+        let levels = if is_hopeless { Vec::new() } else { self.levels(start.point.speed) };
         let choice = self.choose(&start, &levels, &mut record);
         let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
         let mut contact = None;
@@ -460,6 +460,7 @@ impl<'m> Planner<'m> {
             horizon: self.known.horizon,
             proof_deceleration: level.deceleration,
             search_share: level.search_share,
+            top_speed: level.top_speed,
             long_run: self.task_ends() - start.point.time > LONG_RUN,
             no_stopping: if level.junctions_kept_free { &lane.no_stopping } else { &[] },
             time_gap: level.time_gap,

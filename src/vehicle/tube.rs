@@ -115,6 +115,12 @@ impl TrackingTube {
         }
     }
 
+    /// The largest use of the grip with which straight driving at a speed (m/s) is in the domain, if any is.
+    #[must_use]
+    pub fn straight_use(&self, speed: f64) -> f64 {
+        if speed <= self.speed[1] { 1.0 } else { Self::STRAIGHT_BRAKING }
+    }
+
     /// The bounds for a trajectory that uses the grip at most that much.
     #[must_use]
     pub fn at(&self, used: &GripUse) -> TrackingError {
@@ -357,6 +363,19 @@ mod tests {
             let TrackingError { lateral, longitudinal, heading } = tube.at(&GripUse { total, turning, curvature });
             for (found, expected) in [lateral, longitudinal, heading].into_iter().zip(expected) {
                 assert!((found - expected).abs() < 1e-12, "{total} {turning}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn straight_driving_with_the_largest_use_is_just_inside_the_domain() {
+        for name in builtin_names() {
+            let tube = load(name).unwrap().tracking;
+            for speed in [0.5 * tube.speed[2], tube.speed[1], 1.01 * tube.speed[1], tube.speed[0]] {
+                let straight = |total| GripUse { total, turning: 0.0, curvature: 0.0 };
+                let most = tube.straight_use(speed);
+                assert!(tube.contains(speed, &straight(most)), "{name} {speed}");
+                assert!(!tube.contains(speed, &straight(most + 0.01)) || speed > tube.speed[0], "{name} {speed}");
             }
         }
     }
