@@ -43,6 +43,7 @@ mod tests {
         for name in builtin_names() {
             let v = load(name).unwrap();
             for (friction, speed) in [(1.0, 4.0), (0.15, 4.0), (0.15, 0.5), (1.0, 0.0)] {
+                assert!(!v.is_skidding(&moving(0.0, 0.005, 0.0, 0.0), friction), "{name}: it hardly moves");
                 for side in [-1.0, 1.0] {
                     // a turn with half of the grip, on wheels that roll where they point
                     let turn = 0.5 * friction * v.tyres.friction * GRAVITY / f64::max(speed, 1.0).powi(2);
