@@ -100,7 +100,7 @@ fn problem() -> PlanningProblem {
 
 fn initial(vehicle: &Vehicle) -> State {
     let pose = vehicle.rear_axle_of_centre(&problem().initial.centre);
-    State { time: 0.0, pose, speed: SPEED, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+    State { time: 0.0, pose, speed: SPEED, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
 /// The default margins.
@@ -305,6 +305,7 @@ fn after(plan: &Plan, interval: f64, vehicle: &Vehicle) -> State {
         time,
         pose: point.pose,
         speed: point.speed,
+        lateral_speed: 0.0,
         acceleration: point.acceleration,
         yaw_rate: point.speed * point.curvature,
         steering: vehicle.steering_for_curvature(point.curvature),

@@ -60,6 +60,7 @@ fn scene(obstacles: usize) -> (World, Trajectory) {
         time: 0.0,
         pose: Pose::new(0.0, 0.0, 0.0),
         speed: 12.0,
+        lateral_speed: 0.0,
         acceleration: 0.0,
         yaw_rate: 0.0,
         steering: 0.0,

@@ -398,7 +398,8 @@ fn driven_straight(v: &Vehicle, obstacles: &[Obstacle], until: f64) -> (Option<C
         profile: SpeedProfile::new(vec![knot(0.0), knot(20.0)]).unwrap(),
     };
     let pose = Pose::new(0.0, 0.0, 0.0);
-    let initial = State { time: 0.0, pose, speed: 5.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+    let initial =
+        State { time: 0.0, pose, speed: 5.0, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
     let mut world = World::new(v, obstacles, &initial, &simulation::Settings::default()).unwrap();
     let mut log = Log::default();
     world.follow(&trajectory, until, &mut log);

@@ -232,6 +232,7 @@ fn replayed(run: &Run, obstacles: &[stopline::map::Obstacle]) -> Log {
         time: s.time,
         pose: s.pose,
         speed: s.speed,
+        lateral_speed: 0.0,
         acceleration: run.problem.initial.acceleration,
         yaw_rate: s.yaw_rate,
         steering: s.steering,

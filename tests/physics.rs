@@ -13,7 +13,7 @@ fn bmw() -> Vehicle {
 }
 
 fn start(pose: Pose, speed: f64) -> State {
-    State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+    State { time: 0.0, pose, speed, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
 fn straight(length: f64) -> Path {

@@ -29,7 +29,15 @@ fn bmw() -> Vehicle {
 }
 
 fn at_speed(speed: f64) -> State {
-    State { time: 0.0, pose: Pose::new(0.0, 0.0, 0.0), speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+    State {
+        time: 0.0,
+        pose: Pose::new(0.0, 0.0, 0.0),
+        speed,
+        lateral_speed: 0.0,
+        acceleration: 0.0,
+        yaw_rate: 0.0,
+        steering: 0.0,
+    }
 }
 
 /// Understeer gradient of the linear single-track model with stiffness proportional to load, rad s²/m.

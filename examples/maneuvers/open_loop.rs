@@ -130,8 +130,15 @@ impl Maneuver {
         settings: &Settings,
     ) -> Result<Vec<Instant>, SimulationError> {
         let vehicle = bare(vehicle, settings.step);
-        let initial =
-            State { time: 0.0, pose: from, speed: self.speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+        let initial = State {
+            time: 0.0,
+            pose: from,
+            speed: self.speed,
+            lateral_speed: 0.0,
+            acceleration: 0.0,
+            yaw_rate: 0.0,
+            steering: 0.0,
+        };
         let mut world = World::new(&vehicle, &[], &initial, settings)?;
         let (mut instants, mut steering) = (vec![instant(&vehicle, &world.state(), 0.0)], 0.0);
         let steps = (TICK / settings.step).round() as usize;

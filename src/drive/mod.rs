@@ -313,6 +313,7 @@ fn initial_state(problem: &PlanningProblem, vehicle: &Vehicle, time: f64) -> Sta
         time,
         pose: vehicle.rear_axle_of_centre(&initial.centre),
         speed: initial.speed,
+        lateral_speed: 0.0,
         acceleration: initial.acceleration,
         yaw_rate: if turning { initial.yaw_rate } else { 0.0 },
         steering: steering.clamp(-limit, limit),

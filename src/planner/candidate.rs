@@ -45,6 +45,8 @@ pub(super) struct Situation<'a> {
     pub(super) proof_deceleration: f64,
     /// Fraction of it that the search uses.
     pub(super) search_share: f64,
+    /// Largest planned speed, m/s.
+    pub(super) top_speed: f64,
     /// Whether the remaining run is long enough to reach the end of a road that ends ahead.
     pub(super) long_run: bool,
     /// Station intervals of the reference line in which stopping is not allowed, m.
@@ -344,7 +346,7 @@ impl Situation<'_> {
             lateral_acceleration,
             steering_rate: steering_share * self.vehicle.limits.steering_rate,
             wheelbase: self.vehicle.wheelbase,
-            top_speed: self.vehicle.limits.speed,
+            top_speed: self.top_speed,
         }
     }
 
@@ -438,9 +440,9 @@ impl Situation<'_> {
 }
 
 /// Lateral acceleration of planned speeds under the given limit, m/s²: with a reserve to the limit, but not less than the
-/// comfortable one with its reserve.
+/// comfortable one with its reserve. Never above the limit: the proof would refuse such a plan.
 pub(super) fn planned_lateral(settings: &Settings, vehicle: &Vehicle, limit: f64) -> f64 {
-    settings.lateral_share * vehicle.comfort.lateral_acceleration.max(limit)
+    (settings.lateral_share * vehicle.comfort.lateral_acceleration.max(limit)).min(limit)
 }
 
 /// The cost of falling behind unobstructed driving by `behind` metres. The lattice has already estimated a part of it as

@@ -185,6 +185,7 @@ mod tests {
             time: 0.0,
             pose: vehicle.rear_axle_of_centre(&problem.initial.centre),
             speed: problem.initial.speed,
+            lateral_speed: 0.0,
             acceleration: 0.0,
             yaw_rate: 0.0,
             steering: 0.0,

@@ -8,6 +8,9 @@
 //! The lead on a committed plan is part of a proof. One that is extrapolated is checked here, without margins: no plan can
 //! prevent a contact during the lead.
 //!
+//! An extrapolated lead is the motion of wheels that roll where they point. A vehicle that skids moves in another way, and no plan of it is
+//! proven.
+//!
 //! Weak: the lag of the drive, which is longer for some vehicles, is left to the tracking controller.
 
 use super::Planner;
@@ -231,6 +234,7 @@ mod tests {
             time: 2.0,
             pose: Pose::new(1.0, 2.0, 0.7),
             speed,
+            lateral_speed: 0.0,
             acceleration,
             yaw_rate: 0.0,
             steering: 0.1,

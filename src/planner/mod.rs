@@ -148,6 +148,8 @@ struct Start {
     point: TrajectoryPoint,
     /// The first contact during a lead that is not part of a proof.
     lead_contact: Option<ExpectedContact>,
+    /// Whether the vehicle skids beside the lead.
+    skids: bool,
     /// How far the vehicle is from the committed trajectory, if plans start on it.
     deviation: Deviation,
     /// Whether it is on the committed trajectory.
@@ -234,8 +236,9 @@ impl<'m> Planner<'m> {
         self.record_use(&start, state.time);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
-        // a contact during the lead can be proven away by no plan
-        let levels = if start.lead_contact.is_some() { Vec::new() } else { self.levels() };
+        // no plan can prevent a contact during the lead, and a vehicle that skids follows no plan
+        let is_hopeless = start.lead_contact.is_some() || start.skids;
+        let levels = if is_hopeless { Vec::new() } else { self.levels(start.point.speed) };
         let choice = self.choose(&start, &levels, &mut record);
         let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
         let mut contact = None;
@@ -333,18 +336,22 @@ impl<'m> Planner<'m> {
     fn start(&self, state: &State) -> Start {
         let duration = lead::duration(&self.vehicle);
         // full braking may be beyond what the vehicle can follow
-        let near = |c: &&Committed| c.tube.is_known() && self.is_near(&c.trajectory.at(state.time), &state.pose);
+        let follows = |c: &Committed| {
+            c.level.is_proven() || (c.tube.is_known() && !self.described.is_skidding(state, self.friction))
+        };
+        let near = |c: &&Committed| follows(c) && self.is_near(&c.trajectory.at(state.time), &state.pose);
         if let Some(Committed { trajectory, level, .. }) = self.committed.as_ref().filter(near) {
             let deviation = Deviation::between(&trajectory.at(state.time).pose, &state.pose);
             let lead = Lead::on(trajectory, state.time, duration);
             let point = trajectory.at(state.time + duration);
             let lead_contact = if level.is_proven() { None } else { self.contact_during(&lead) };
-            return Start { lead, point, lead_contact, deviation, on_plan: true };
+            return Start { lead, point, lead_contact, skids: false, deviation, on_plan: true };
         }
         let lead = Lead::extrapolated(state, &self.vehicle, duration);
         let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
         let lead_contact = self.contact_during(&lead);
-        Start { lead, point, lead_contact, deviation: Deviation::default(), on_plan: false }
+        let skids = self.described.is_skidding(state, self.friction);
+        Start { lead, point, lead_contact, skids, deviation: Deviation::default(), on_plan: false }
     }
 
     /// The pair of path and speed with a proven stop on the gentlest of these levels, of those the cheapest. The lattice is searched
@@ -461,6 +468,7 @@ impl<'m> Planner<'m> {
             horizon: self.known.horizon,
             proof_deceleration: level.deceleration,
             search_share: level.search_share,
+            top_speed: level.top_speed,
             long_run: self.task_ends() - start.point.time > LONG_RUN,
             no_stopping: if level.junctions_kept_free { &lane.no_stopping } else { &[] },
             time_gap: level.time_gap,

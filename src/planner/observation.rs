@@ -96,13 +96,14 @@ impl Observation {
 
     /// Checks everything but the obstacles.
     pub(super) fn validate(&self, before: f64) -> Result<(), ObservationError> {
-        let State { time, pose, speed, acceleration, yaw_rate, steering } = self.state;
+        let State { time, pose, speed, lateral_speed, acceleration, yaw_rate, steering } = self.state;
         for (what, value) in [
             ("the time", time),
             ("the x position", pose.position.x),
             ("the y position", pose.position.y),
             ("the yaw", pose.yaw),
             ("the speed", speed),
+            ("the lateral speed", lateral_speed),
             ("the acceleration", acceleration),
             ("the yaw rate", yaw_rate),
             ("the steering angle", steering),

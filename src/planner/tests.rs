@@ -1,10 +1,10 @@
 //! Starts off the road, and what emergency levels may use.
 
 use super::*;
-use crate::geometry::spiral::CubicSpiral;
 use crate::collision::CollisionSettings;
 use crate::fixtures::{collision_world, road, scenario, vehicle};
 use crate::geometry::Pose;
+use crate::geometry::spiral::CubicSpiral;
 use crate::vehicle::{CONTROL_SHARE, GRAVITY, builtin_names, load};
 
 /// Heading changes by `turns` (rad) over pieces of 5 m, mirrored if asked for.

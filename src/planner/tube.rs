@@ -13,6 +13,9 @@
 //! ([`Driven`]). A vehicle outside of its tube is not as described: its deviation is added to the margins. If nothing is proven with these,
 //! or if the vehicle is rather beside its plan than on it, it is planned for from its measured state.
 //!
+//! Nothing is proven from the measured state of a vehicle that skids ([`Vehicle::is_skidding`]): its lead would be another motion than
+//! its own.
+//!
 //! Weak: to what is inside the tube at the start of a plan, only the share of the tube that is free there is kept for the first metres
 //! ([`super::allowance`]).
 
@@ -268,7 +271,8 @@ mod tests {
         let problem = &scenario.problems[0];
         let pose = vehicle.rear_axle_of_centre(&problem.initial.centre);
         let speed = problem.initial.speed;
-        let state = State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+        let state =
+            State { time: 0.0, pose, speed, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
         let mut planner = Planner::new(scenario.map(), &vehicle, &Settings::default()).unwrap();
         let first = planner.cycle(&Observation::of_scenario(scenario, problem, state)).unwrap();
         let planned = first.trajectory.at(0.1);
@@ -314,6 +318,33 @@ mod tests {
         }
     }
 
+    /// A vehicle that slides sideways stands still along its heading, and stops nowhere soon.
+    #[test]
+    fn nothing_is_proven_for_a_vehicle_that_skids() {
+        let scenario = straight();
+        let problem = &scenario.problems[0];
+        for name in builtin_names() {
+            let vehicle = load(name).unwrap();
+            let pose = vehicle.rear_axle_of_centre(&problem.initial.centre);
+            let spin = 2.5 / vehicle.wheelbase;
+            for (speed, lateral_speed, yaw_rate) in
+                [(0.9, 0.0, 0.0), (0.9, 1.5, 0.0), (0.0, -1.5, 0.0), (0.9, 0.0, spin)]
+            {
+                let state = State { time: 0.0, pose, speed, lateral_speed, acceleration: 0.0, yaw_rate, steering: 0.0 };
+                let mut planner = Planner::new(scenario.map(), &vehicle, &Settings::default()).unwrap();
+                let observation = Observation { friction: 0.15, ..Observation::of_scenario(&scenario, problem, state) };
+                let cycle = planner.traced_cycle(&observation).unwrap();
+                let skids = lateral_speed != 0.0 || yaw_rate != 0.0;
+                assert_eq!(
+                    cycle.plan.level.is_proven(),
+                    !skids,
+                    "{name} {lateral_speed} {yaw_rate}: {}",
+                    cycle.summary()
+                );
+            }
+        }
+    }
+
     /// 8 m/s is beyond what is known of the robot car: no proof, whatever is free.
     #[test]
     fn nothing_is_proven_outside_of_the_domain_of_the_tube() {
@@ -322,7 +353,8 @@ mod tests {
         let problem = &scenario.problems[0];
         let pose = vehicle.rear_axle_of_centre(&problem.initial.centre);
         for (speed, is_known) in [(3.0, true), (8.0, false)] {
-            let state = State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+            let state =
+                State { time: 0.0, pose, speed, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
             let mut planner = Planner::new(scenario.map(), &vehicle, &Settings::default()).unwrap();
             let cycle = planner.traced_cycle(&Observation::of_scenario(&scenario, problem, state)).unwrap();
             assert_eq!(cycle.plan.level.is_proven(), is_known, "{speed} m/s: {}", cycle.summary());

@@ -49,7 +49,12 @@ impl Planner<'_> {
     /// The plan without a proof from the start.
     pub(super) fn unproven(&mut self, start: &Start, record: &mut CycleRecord) -> (Committed, Option<ExpectedContact>) {
         let levels = self.emergency_levels(&self.unreserved, NO_MARGINS);
-        let unproven = |level: LevelLimits| LevelLimits { level: Level::Unproven, ..level };
+        let speed = start.point.speed;
+        let unproven = |level: LevelLimits| LevelLimits {
+            level: Level::Unproven,
+            top_speed: self.in_domain(speed, level).top_speed,
+            ..level
+        };
         let levels: Vec<LevelLimits> = levels.into_iter().map(unproven).collect();
         if let Some((level, choice)) = self.choose(start, &levels, record) {
             record.trace.chosen = Some(choice.candidate);

@@ -421,7 +421,15 @@ mod tests {
             for (offset, speed) in [(1.0, 14.0), (-1.0, 9.0), (0.0, 3.0)] {
                 let position = t.path.at(2.0).pose.to_world(Point::new(0.0, offset));
                 let pose = Pose { position, ..t.path.at(2.0).pose };
-                let state = State { time: 0.2, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+                let state = State {
+                    time: 0.2,
+                    pose,
+                    speed,
+                    lateral_speed: 0.0,
+                    acceleration: 0.0,
+                    yaw_rate: 0.0,
+                    steering: 0.0,
+                };
                 let command = TrackingController::on_road(friction).command(&v, &t, &state, 0.01);
                 assert!(command.acceleration.abs() <= grip + 1e-12, "{friction} {speed}: {command:?}");
                 // the path's lateral acceleration and the feedback's together

@@ -200,7 +200,8 @@ mod tests {
             noise.error = [0.3, 0.1, 0.02];
         }
         let pose = Pose::new(5e5, 4e6, std::f64::consts::FRAC_PI_2);
-        let state = State { time: 0.0, pose, speed: 3.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
+        let state =
+            State { time: 0.0, pose, speed: 3.0, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 };
         let localised = localisation.localised(&state);
         let offset = localised.pose.position - pose.position;
         assert!((offset.x + 0.1).abs() < 1e-6 && (offset.y - 0.3).abs() < 1e-6, "{offset:?}");

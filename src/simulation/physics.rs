@@ -110,7 +110,8 @@ impl Physics {
         initial: &State,
     ) -> Result<(RigidBodyHandle, Vec<PartCollider>), SimulationError> {
         let to_mass = vehicle.rear_axle_to_mass;
-        let velocity = initial.pose.forward() * initial.speed + initial.pose.left() * (initial.yaw_rate * to_mass);
+        let left = initial.lateral_speed + initial.yaw_rate * to_mass;
+        let velocity = initial.pose.forward() * initial.speed + initial.pose.left() * left;
         let mass = MassProperties::new(RapierVector::ZERO, vehicle.mass, vehicle.yaw_inertia);
         let body = RigidBodyBuilder::dynamic()
             .pose(frame.pose_in(&initial.pose.advanced(to_mass)))

@@ -78,8 +78,8 @@ impl World {
         settings: &Settings,
     ) -> Result<Self, SimulationError> {
         settings.validate()?;
-        let State { time, pose, speed, acceleration, yaw_rate, steering } = *initial;
-        if ![time, pose.position.x, pose.position.y, pose.yaw, speed, acceleration, yaw_rate, steering]
+        let State { time, pose, speed, lateral_speed, acceleration, yaw_rate, steering } = *initial;
+        if ![time, pose.position.x, pose.position.y, pose.yaw, speed, lateral_speed, acceleration, yaw_rate, steering]
             .iter()
             .all(|v| v.is_finite())
         {
@@ -178,6 +178,7 @@ impl World {
             time: self.time(),
             pose,
             speed: motion.forward,
+            lateral_speed: motion.left - motion.yaw_rate * self.vehicle.rear_axle_to_mass,
             acceleration: self.wrench.forward / self.vehicle.mass,
             yaw_rate: motion.yaw_rate,
             steering: self.actuators.steering,

@@ -9,6 +9,7 @@ mod footprint;
 mod mesh;
 mod proof;
 mod read;
+mod skid;
 mod tube;
 mod urdf;
 
@@ -187,6 +188,8 @@ pub struct State {
     pub pose: Pose,
     /// Speed of the rear axle along the heading, m/s.
     pub speed: f64,
+    /// Speed of the rear axle to the left of the heading, m/s: 0 for wheels that roll without slip.
+    pub lateral_speed: f64,
     /// Longitudinal acceleration, m/s².
     pub acceleration: f64,
     /// Yaw rate, rad/s.

@@ -15,7 +15,8 @@
 //! - that begin without a step of the acceleration, for at least the slower lag of drive and brakes (after a step at the first
 //!   instant, the stop is further, by up to the distance driven during that lag),
 //! - on a road whose friction is the one that planner and controller believe,
-//! - a vehicle that is as described, without localisation error and dead time, and on its trajectory at the start.
+//! - a vehicle that is as described, without localisation error and dead time, and on its trajectory at the start, which means in its motion,
+//!   too: one that skids ([`Vehicle::is_skidding`]) leaves it at once.
 //!
 //! A new plan that begins with the motion of the plan before continues its trajectory: the bounds hold for the trajectory that the
 //! vehicle was given piece by piece, with its largest use.
@@ -112,6 +113,12 @@ impl TrackingTube {
         } else {
             full
         }
+    }
+
+    /// The largest use of the grip with which straight driving at a speed (m/s) is in the domain, if any is.
+    #[must_use]
+    pub fn straight_use(&self, speed: f64) -> f64 {
+        if speed <= self.speed[1] { 1.0 } else { Self::STRAIGHT_BRAKING }
     }
 
     /// The bounds for a trajectory that uses the grip at most that much.
@@ -356,6 +363,19 @@ mod tests {
             let TrackingError { lateral, longitudinal, heading } = tube.at(&GripUse { total, turning, curvature });
             for (found, expected) in [lateral, longitudinal, heading].into_iter().zip(expected) {
                 assert!((found - expected).abs() < 1e-12, "{total} {turning}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn straight_driving_with_the_largest_use_is_just_inside_the_domain() {
+        for name in builtin_names() {
+            let tube = load(name).unwrap().tracking;
+            for speed in [0.5 * tube.speed[2], tube.speed[1], 1.01 * tube.speed[1], tube.speed[0]] {
+                let straight = |total| GripUse { total, turning: 0.0, curvature: 0.0 };
+                let most = tube.straight_use(speed);
+                assert!(tube.contains(speed, &straight(most)), "{name} {speed}");
+                assert!(!tube.contains(speed, &straight(most + 0.01)) || speed > tube.speed[0], "{name} {speed}");
             }
         }
     }

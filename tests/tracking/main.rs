@@ -33,7 +33,7 @@ const MAX_END_JERK: f64 = 2.0;
 const MAX_LATERAL_ERROR: f64 = 0.25;
 
 fn start(pose: Pose, speed: f64) -> State {
-    State { time: 0.0, pose, speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+    State { time: 0.0, pose, speed, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
 /// A profile from a speed (m/s) through pieces (duration s, initial acceleration m/s², jerk m/s³).
@@ -155,8 +155,8 @@ fn committed_plans_of_the_bundled_maps_stop_at_their_end() {
             if !plan.profile.ends_at_standstill() || plan.end_time() <= cycle.plan.time || sample.speed < 0.5 {
                 continue;
             }
-            let Sample { time, pose, speed, acceleration, yaw_rate, steering, .. } = *sample;
-            let state = State { time, pose, speed, acceleration, yaw_rate, steering };
+            let Sample { time, pose, speed, lateral_speed, acceleration, yaw_rate, steering, .. } = *sample;
+            let state = State { time, pose, speed, lateral_speed, acceleration, yaw_rate, steering };
             let stopped = drive_to_standstill(&v, &state, plan);
             if stopped.error.abs() > 0.05 {
                 println!("{name} at {:.1} s, {speed:.1} m/s: {stopped:?}", cycle.plan.time);

@@ -124,7 +124,7 @@ impl Random {
     }
 }
 
-/// Fastest start, m/s.
+/// Fastest start, m/s. Starts are within the speeds of the tracking tube, beyond which nothing is ever proven.
 const TOP_SPEED: f64 = 25.0;
 /// Time that predictions last, s.
 const PREDICTED: f64 = 25.0;
@@ -163,7 +163,7 @@ impl<'v> Maker<'v> {
         let mut random = Random(seed ^ number.wrapping_mul(0xD134_2543_DE82_EF95));
         let scale = (vehicle.width / CAR_WIDTH).min(1.0);
         let lane = vehicle.width + scale * random.within(0.9, 2.0);
-        let fastest = TOP_SPEED.min(0.8 * vehicle.limits.speed);
+        let fastest = TOP_SPEED.min(0.8 * vehicle.limits.speed).min(vehicle.tracking.speed[0]);
         let speed = if random.chance(0.1) { 0.0 } else { random.within(0.0, fastest) };
         let stopping = speed * speed / (2.0 * FIRM * friction.min(1.0));
         Self {
