@@ -17,7 +17,7 @@ use crate::scenes::{START, in_front, lanes, scene};
 fn at_start(scenario: &Scenario, vehicle: &Vehicle) -> State {
     let initial = &scenario.problems[0].initial;
     let pose = vehicle.rear_axle_of_centre(&initial.centre);
-    State { time: 0.0, pose, speed: initial.speed, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
+    State { time: 0.0, pose, speed: initial.speed, lateral_speed: 0.0, acceleration: 0.0, yaw_rate: 0.0, steering: 0.0 }
 }
 
 /// The state after a plan was followed exactly for a time, beside it by a distance to the left and ahead, m.
@@ -27,6 +27,7 @@ fn followed(plan: &Plan, vehicle: &Vehicle, by: f64, (ahead, left): (f64, f64)) 
         time: plan.time + by,
         pose: Pose { position: point.pose.to_world(Point::new(ahead, left)), yaw: point.pose.yaw },
         speed: point.speed,
+        lateral_speed: 0.0,
         acceleration: point.acceleration,
         yaw_rate: point.speed * point.curvature,
         steering: vehicle.steering_for_curvature(point.curvature),

@@ -54,6 +54,7 @@ impl Place {
             braking: 2.0,
             proof_deceleration: 6.0,
             search_share: 1.0,
+            top_speed: f64::INFINITY,
             long_run: false,
             no_stopping,
             time_gap: 0.0,
