@@ -311,8 +311,9 @@ fn the_sensor_shows_what_is_in_range_in_view_and_not_hidden() {
     assert!((share - (1.0 - 0.7_f64.powi(5))).abs() < 0.08, "{share}");
 }
 
+/// A record that ends at 3 s is extrapolated for 3 s.
 #[test]
-fn an_obstacle_is_seen_neither_before_it_is_born_nor_after_it_is_gone_and_late_with_a_delay() {
+fn an_obstacle_is_seen_not_before_it_is_born_remembered_after_its_record_and_late_with_a_delay() {
     let world = Loop::new();
     let mut scenario = world.scenario.clone();
     scenario.obstacles = vec![car(5, (10..=30).map(|i| at(0.1 * f64::from(i), 50.0 + f64::from(i), 10.0)).collect())];
@@ -320,8 +321,8 @@ fn an_obstacle_is_seen_neither_before_it_is_born_nor_after_it_is_gone_and_late_w
         let state = State { time, ..world.observation.state };
         in_sight(&scenario, Sensor { delay, ..Sensor::default() }, PredictionMode::Recorded, &state).len()
     };
-    assert_eq!([0.0, 0.9, 1.0, 3.0, 3.1].map(|t| seen(t, 0.0)), [0, 0, 1, 1, 0]);
-    assert_eq!([1.0, 1.4, 1.5, 3.5, 3.6].map(|t| seen(t, 0.5)), [0, 0, 1, 1, 0]);
+    assert_eq!([0.0, 0.9, 1.0, 3.0, 5.9, 6.1].map(|t| seen(t, 0.0)), [0, 0, 1, 1, 1, 0]);
+    assert_eq!([1.0, 1.4, 1.5, 3.5, 6.4, 6.6].map(|t| seen(t, 0.5)), [0, 0, 1, 1, 1, 0]);
 }
 
 /// On a lane that bends, the lane is followed; constant velocity leaves it.

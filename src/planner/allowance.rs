@@ -17,7 +17,7 @@ use crate::trajectory::TrajectoryPoint;
 const LEAVE_MARGIN: f64 = 6.0;
 /// Distance within which the vehicle must return to the road, m.
 const RETURN_TO_ROAD: f64 = 15.0;
-/// Number of shares of a tube that are told apart: of the widest one, an eighth is a few centimetres.
+/// Number of shares of a tube: of the widest one, an eighth is a few centimetres.
 const SHARES: u32 = 8;
 
 /// What is kept of margins that the start is inside of.
@@ -47,7 +47,7 @@ pub(super) fn allowance_at(
 }
 
 impl Kept {
-    /// The largest share, of those told apart, at which nothing is near.
+    /// The largest share at which nothing is near.
     fn share_of(self, mut is_near: impl FnMut(f64) -> bool) -> f64 {
         if !is_near(1.0) {
             return 1.0;

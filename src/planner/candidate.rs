@@ -127,9 +127,9 @@ impl Situation<'_> {
         };
         let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
         let blocked_by = path.blocked_by.map(Cause::from).or(first.map(|cell| Cause::Obstacle(cell.obstacle)));
-        let ForSearch(wanted) = self.for_search(path, &cells);
+        let ForSearch(sought) = self.for_search(path, &cells);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
-        let Ok(outcome) = search(&wanted, Strategy::SafeTlp, &resolution) else {
+        let Ok(outcome) = search(&sought, Strategy::SafeTlp, &resolution) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by };
         };
         let expansions = outcome.statistics().expansions;
@@ -143,11 +143,11 @@ impl Situation<'_> {
                 NoPlan::NoSafeState => Rejection::NoProof,
             }),
             SpeedOutcome::Proven { mut plan, .. } => {
-                if let Some(brisk) = tail::without_creeping(&wanted, &plan) {
+                if let Some(brisk) = tail::without_creeping(&sought, &plan) {
                     plan = brisk;
                 }
-                let progress = smoothing::raw_profile(&wanted, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
-                plan.end_at_long_wait(&wanted, LONG_WAIT);
+                let progress = smoothing::raw_profile(&sought, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
+                plan.end_at_long_wait(&sought, LONG_WAIT);
                 let problem = self.for_proof(path, &cells);
                 let PathCells { stations, along, stop, by_obstacle: blocked, .. } = cells;
                 let Some((raw_profile, progress)) = smoothing::raw_profile(&problem.0, &plan).zip(progress) else {
@@ -155,7 +155,7 @@ impl Situation<'_> {
                 };
                 #[cfg(test)]
                 let raw_profile = fault::applied(raw_profile);
-                let target = TargetLimits { stations, along, speeds: wanted.speed_limits };
+                let target = TargetLimits { stations, along, speeds: sought.speed_limits };
                 let proven = Proven { problem, target, stop, raw_profile, progress, expansions, blocked };
                 Evaluation::Proven(Box::new(proven))
             }
