@@ -299,7 +299,7 @@ mod tests {
                 let grip = limits.lateral_beside(0.0);
                 assert!(level.deceleration.hypot(level.lateral_limit) <= grip + 1e-9, "{what}");
                 let comfortable = LATERAL_HEADROOM * planner.vehicle.comfort.lateral_acceleration;
-                assert!(level.lateral_limit >= comfortable.min(LEAST_TURNING * grip) - 1e-9, "{what}");
+                assert!(level.lateral_limit >= comfortable.min(0.4 * grip) - 1e-9, "{what}");
                 let planned = planned_lateral(&planner.settings, &planner.vehicle, level.lateral_limit);
                 assert!(planned <= level.lateral_limit, "{what}");
             }

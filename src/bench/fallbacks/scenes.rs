@@ -596,6 +596,16 @@ mod tests {
     }
 
     #[test]
+    fn every_start_is_within_the_speeds_of_the_tracking_tube() {
+        for name in crate::vehicle::builtin_names() {
+            let vehicle = crate::vehicle::load(name).unwrap();
+            let start = |number| Scene::new(7, number, &vehicle, 1.0).scenario.problems[0].initial.speed;
+            let (fastest, limit) = ((0..90).map(start).fold(0.0, f64::max), vehicle.tracking.speed[0]);
+            assert!(fastest <= limit && fastest > 0.5 * limit, "{name}: {fastest} {limit}");
+        }
+    }
+
+    #[test]
     fn every_start_is_on_the_road_and_touches_nothing() {
         let vehicle = vehicle();
         for number in 0..900 {
