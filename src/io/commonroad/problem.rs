@@ -39,16 +39,28 @@ fn problem(source: &mut Source, node: Node, network: &Network, time_step: f64) -
 
 /// Largest initial speed, m/s: no road vehicle is faster, and the size of a plan grows with the stopping distance.
 const MAX_SPEED: f64 = 150.0;
+/// Largest initial acceleration, m/s²: several times what tyres give.
+const MAX_ACCELERATION: f64 = 50.0;
+/// Largest initial yaw rate, rad/s: three turns in a second. The simulation of a faster spin needs ever smaller steps.
+const MAX_YAW_RATE: f64 = 20.0;
 
 fn initial(source: &mut Source, node: Node) -> Read<InitialState> {
     let state = state::read(source, node);
     let (orientation, velocity) = (source.child(node, "orientation"), source.child(node, "velocity"));
-    let mut middle_of = |name, tolerance| {
-        let value = source.optional(node, name, |source, n| state::middle(source, n, state::values, tolerance));
+    let mut middle_of = |name, tolerance, most: f64, expected| {
+        let value = source.optional(node, name, |source, n| {
+            let (middle, uncertain) = state::middle(source, n, state::values, tolerance)?;
+            if middle.abs() <= most {
+                Ok((middle, uncertain))
+            } else {
+                Err(source.bad_value(n, &middle.to_string(), expected))
+            }
+        });
         Ok(value?.map_or(0.0, |(middle, _)| middle))
     };
-    let acceleration = middle_of("acceleration", state::ACCELERATION);
-    let yaw_rate = middle_of("yawRate", state::YAW_RATE);
+    let acceleration =
+        middle_of("acceleration", state::ACCELERATION, MAX_ACCELERATION, "an acceleration of at most 50 m/s²");
+    let yaw_rate = middle_of("yawRate", state::YAW_RATE, MAX_YAW_RATE, "a yaw rate of at most 20 rad/s");
     let (state, _, velocity) = (state?, orientation?, velocity?);
     let speed = state.speed.unwrap_or(0.0);
     if speed.abs() > MAX_SPEED {

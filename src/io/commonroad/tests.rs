@@ -434,6 +434,10 @@ fn refuses_an_incomplete_planning_problem() {
         &with("<exact>8.0</exact>", "<exact>-1e9</exact>"),
         &["planningProblem 40", "-1000000000", "150 m/s"],
     );
+    refused_element(
+        &with("<exact>0.02</exact>", "<exact>-20.5</exact>"),
+        &["planningProblem 40", "-20.5", "a yaw rate of at most 20 rad/s"],
+    );
     refused_element(&with("<time><exact>60</exact></time>", ""), &["goalState", "time"]);
     refused_element(
         &with("<intervalEnd>80</intervalEnd>", "<intervalEnd>8</intervalEnd>"),
