@@ -44,6 +44,12 @@ impl Allowance {
     pub const NONE: Self =
         Self { reduced_until: f64::NEG_INFINITY, to_obstacles: 1.0, to_road: 1.0, no_road_until: f64::NEG_INFINITY };
 
+    /// Whether it is for a vehicle that is partly off the road.
+    #[must_use]
+    pub fn is_off_road(&self) -> bool {
+        self.no_road_until > 0.0
+    }
+
     /// For the part of the path from a station (m) on.
     #[must_use]
     pub fn beyond(self, station: f64) -> Self {

@@ -5,13 +5,16 @@
 //! - **The tube** is what a proof rests on: the share of it that is free at the start is kept, so that the vehicle comes no closer than it
 //!   is. A vehicle right in front of a wall has no proof of a plan towards it.
 //!
-//! Off the road, the boundary is ignored for [`RETURN_TO_ROAD`].
+//! Off the road, the boundary is ignored for [`RETURN_TO_ROAD`], while the distance from the road shrinks. Beyond what the start imposes,
+//! a proof permits 5 cm, as on the road: enough for the tracking errors of calm driving. By as much as the tube of the plan is wider than
+//! that of calm driving, the vehicle has to be nearer to the road than at its start at the end of this distance.
 //!
-//! Weak: one share for all obstacles, whichever is near.
+//! Weak: one share for all obstacles, whichever is near. A start off the road is excused from the tube of calm driving.
 
 use crate::collision::{Allowance, Blocker, CollisionWorld, EdgeProbe, Margins, SafetyMargins};
+use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
-use crate::trajectory::TrajectoryPoint;
+use crate::trajectory::{Path, TrajectoryPoint};
 
 /// Distance within which the vehicle must leave a margin, m.
 const LEAVE_MARGIN: f64 = 6.0;
@@ -35,7 +38,7 @@ pub(super) fn allowance_at(
     p: &TrajectoryPoint,
     kept: Kept,
 ) -> Allowance {
-    let mut here = world.probe(&p.pose, &CubicSpiral { knots: [p.curvature; 4], length: 0.05 });
+    let mut here = probe_at(world, &p.pose, p.curvature);
     if here.static_hit(margins, &Allowance::NONE).is_none() {
         return Allowance::NONE;
     }
@@ -44,6 +47,31 @@ pub(super) fn allowance_at(
     let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);
     let no_road_until = if off_road { RETURN_TO_ROAD } else { f64::NEG_INFINITY };
     Allowance { reduced_until: LEAVE_MARGIN, to_obstacles, to_road, no_road_until }
+}
+
+/// Whether a path that starts off the road returns to it without a detour, up to a station (m): its distance from the road never
+/// grows, and shrinks with the square of the distance driven, as an error of the heading that grows displaces the vehicle, by `wider`
+/// (m) until the end of [`RETURN_TO_ROAD`].
+pub(super) fn returns_to_road(world: &CollisionWorld, path: &Path, until: f64, wider: f64) -> bool {
+    /// Distance between compared poses, m.
+    const SPACING: f64 = 0.5;
+    /// Tolerance of distances, m.
+    const ROUNDING: f64 = 1e-3;
+    let poses = path.sampled(SPACING).into_iter().take_while(|(station, _)| *station <= until.min(RETURN_TO_ROAD));
+    let (mut imposed, mut least) = (None, f64::INFINITY);
+    poses.into_iter().all(|(station, point)| {
+        let depth = world.depth_off_road(&point.pose);
+        let share = station / RETURN_TO_ROAD;
+        let permitted = *imposed.get_or_insert(depth) - wider * share * share;
+        let shrinks = depth <= least + ROUNDING;
+        least = least.min(depth);
+        let is_far_enough = if permitted >= 0.0 {
+            depth <= permitted + ROUNDING
+        } else {
+            !is_near_boundary(&mut probe_at(world, &point.pose, point.curvature), -permitted)
+        };
+        shrinks && is_far_enough
+    })
 }
 
 impl Kept {
@@ -58,6 +86,11 @@ impl Kept {
         };
         smaller.rev().map(|part| f64::from(part) / f64::from(SHARES)).find(|share| !is_near(*share)).unwrap_or(0.0)
     }
+}
+
+/// A probe of the vehicle at a pose: a path of 5 cm.
+fn probe_at<'w>(world: &'w CollisionWorld, pose: &Pose, curvature: f64) -> EdgeProbe<'w> {
+    world.probe(pose, &CubicSpiral { knots: [curvature; 4], length: 0.05 })
 }
 
 fn is_near_obstacle(here: &mut EdgeProbe<'_>, margins: &Margins) -> bool {

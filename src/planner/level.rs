@@ -10,7 +10,7 @@ use super::Planner;
 use super::candidate::planned_lateral;
 use super::tube::Tube;
 use crate::collision::{Margins, SafetyMargins};
-use crate::vehicle::{GripUse, PathMotion, ProofLimits};
+use crate::vehicle::{Comfort, GripUse, PathMotion, ProofLimits};
 
 /// What a plan demands of the vehicle, its passengers and other traffic; ordered, the gentlest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -98,9 +98,16 @@ impl LevelLimits {
         matches!(self.level, Level::Emergency(_))
     }
 
-    /// An emergency level with another deceleration, m/s².
-    pub(super) fn with_deceleration(self, deceleration: f64) -> Self {
-        Self { braking: NOMINAL_SHARE * deceleration, deceleration, ..self }
+    /// An emergency level whose limits are nearer to those of comfort: 0 is comfort, 1 the level itself.
+    pub(super) fn with_severity(self, severity: f64, comfort: &Comfort) -> Self {
+        let between = |gentle: f64, hard: f64| gentle.min(hard) + severity * (hard - gentle).max(0.0);
+        let deceleration = between(comfort.aggressive_deceleration, self.deceleration);
+        Self {
+            braking: self.braking * deceleration / self.deceleration,
+            deceleration,
+            lateral_limit: between(LATERAL_HEADROOM * comfort.lateral_acceleration, self.lateral_limit),
+            ..self
+        }
     }
 
     /// Station up to which moving obstacles are resolved finely from a start speed (m/s), m; 0 if they are not.
@@ -191,11 +198,10 @@ impl Planner<'_> {
     fn top_speed(&self, deceleration: f64) -> f64 {
         let tube = &self.described.tracking;
         let braking = (deceleration / self.limits.lateral_beside(0.0)).min(1.0);
-        let is_inside = |speed: &f64| {
-            let total = braking.max(self.straight_use(*speed, 0.0));
-            tube.contains(*speed, &GripUse { total, turning: 0.0, curvature: 0.0 })
-        };
-        DOMAIN_SHARE * tube.speed.into_iter().find(is_inside).unwrap_or(tube.speed[2])
+        let largest = |total: f64| tube.largest_speed(&GripUse { total, turning: 0.0, curvature: 0.0 });
+        // overcoming the resistance takes less at lower speeds
+        let driving = self.straight_use(largest(braking), 0.0);
+        DOMAIN_SHARE * largest(braking.max(driving))
     }
 
     /// The tube of comfortable driving and of a stop with the aggressive deceleration.

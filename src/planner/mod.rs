@@ -17,7 +17,7 @@
 //!
 //! The limits of a plan and its proof depend on the level ([`Level`]). The planner tries the levels in order: with margins and
 //! the aggressive deceleration, with the tracking tube alone, with harder braking. The lattice is searched once for all levels with the
-//! same margins. A plan of an emergency level brakes no harder than it must. Each plan records its level and deceleration. If the
+//! same margins. A plan of an emergency level brakes and turns no harder than it must. Each plan records its level and deceleration. If the
 //! settings ask for it, the planner tries robust proofs first (`traffic`). Without a proof on any level, the vehicle evades and
 //! brakes (`unproven`).
 //!
@@ -58,7 +58,7 @@ pub use settings::{
 use std::sync::Arc;
 use std::time::Instant;
 
-use self::allowance::{Kept, allowance_at};
+use self::allowance::{Kept, allowance_at, returns_to_road};
 use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON};
 use self::choice::Choice;
 use self::hysteresis::CommittedPlan;
@@ -74,7 +74,7 @@ use crate::map::{Goal, Map};
 use crate::reference::{Frenet, ReferenceLine};
 pub use crate::settings::SettingsError;
 use crate::speed::smoothing::{self, Failure, Smoothed, Smoother};
-use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
+use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
 pub use self::lanes::NoLane;
@@ -424,10 +424,8 @@ impl<'m> Planner<'m> {
                 all.push(path);
             }
         }
-        let until = roots[0].allowance.no_road_until;
-        if until > 0.0 {
-            let imposed = world.depth_off_road(&start.point.pose);
-            all.retain(|path| returns_to_road(world, &path.path, until, imposed));
+        if roots[0].allowance.is_off_road() {
+            all.retain(|path| returns_to_road(world, &path.path, f64::INFINITY, 0.0));
         }
         all.sort_by_key(|p| p.terms.rank());
         all
@@ -476,8 +474,8 @@ impl<'m> Planner<'m> {
         }
     }
 
-    /// The choice with its final speed profile. A choice of an emergency level brakes no harder than it must: the deceleration of its
-    /// proof is found by bisection, on the same path.
+    /// The choice with its final speed profile. A choice of an emergency level brakes and turns no harder than it must: the severity of
+    /// its limits is found by bisection, on the same path.
     fn gentlest(
         &self,
         start: &Start,
@@ -486,16 +484,19 @@ impl<'m> Planner<'m> {
         record: &mut CycleRecord,
     ) -> (Choice, SpeedProfile, Smoothing) {
         let mut best = self.smoothed(start, level, choice, record);
-        let mut too_low = self.vehicle.comfort.aggressive_deceleration;
-        while level.is_emergency() && best.0.deceleration - too_low > DECELERATION_STEP {
-            let deceleration = f64::midpoint(too_low, best.0.deceleration);
-            let gentle = level.with_deceleration(deceleration);
+        let (mut too_low, mut severity) = (0.0, 1.0);
+        while level.is_emergency() && severity - too_low > SEVERITY_STEP {
+            let less = f64::midpoint(too_low, severity);
+            let gentle = level.with_severity(less, &self.vehicle.comfort);
             let found = self.evaluated_again(start, &gentle, &best.0, record);
             let found = found.and_then(|choice| self.accepted(start, &gentle, None, choice).ok());
             let found = found.map(|choice| self.smoothed(start, gentle, choice, record));
             match found {
-                Some((choice, profile, smoothing)) => best = (Choice { deceleration, ..choice }, profile, smoothing),
-                None => too_low = deceleration,
+                Some((choice, profile, smoothing)) => {
+                    severity = less;
+                    best = (Choice { deceleration: gentle.deceleration, ..choice }, profile, smoothing);
+                }
+                None => too_low = less,
             }
         }
         best
@@ -626,8 +627,8 @@ impl<'m> Planner<'m> {
     }
 }
 
-/// Accuracy of the deceleration of emergency plans, m/s²: below what a passenger notices.
-const DECELERATION_STEP: f64 = 0.2;
+/// Accuracy of the severity of emergency plans, 0…1: of braking at 8 m/s², 0.2 m/s², below what a passenger notices.
+const SEVERITY_STEP: f64 = 0.04;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
@@ -646,23 +647,6 @@ const LONG_RUN: f64 = 10.0;
 const STANDSTILL_SPEED: f64 = 0.02;
 /// Largest lateral distance from the reference line of a lane at which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
-
-/// Whether a path that starts off the road by some metres returns to it without a detour, up to the station from which it has to be
-/// on it (m). What a start imposes is excused only while it shrinks.
-fn returns_to_road(world: &CollisionWorld, path: &Path, until: f64, imposed: f64) -> bool {
-    /// Distance between compared poses, m.
-    const SPACING: f64 = 0.5;
-    /// Tolerance of distances, m.
-    const ROUNDING: f64 = 1e-3;
-    let poses = path.sampled(SPACING).into_iter().take_while(|(station, _)| *station <= until);
-    let mut least = imposed;
-    poses.into_iter().all(|(_, point)| {
-        let depth = world.depth_off_road(&point.pose);
-        let shrinks = depth <= least + ROUNDING;
-        least = least.min(depth.max(0.0));
-        shrinks
-    })
-}
 
 /// The choice with its raw profile, and why.
 fn unsmoothed(choice: Choice, why: Failure) -> (Choice, SpeedProfile, Smoothing) {

@@ -5,6 +5,7 @@ use crate::collision::CollisionSettings;
 use crate::fixtures::{collision_world, road, scenario, vehicle};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
+use crate::trajectory::Path;
 use crate::vehicle::{CONTROL_SHARE, GRAVITY, builtin_names, load};
 
 /// Heading changes by `turns` (rad) over pieces of 5 m, mirrored if asked for.
@@ -27,7 +28,7 @@ fn only_a_path_that_returns_to_the_road_is_excused_from_it() {
         let returns = |yaw: f64, turns: &[f64]| {
             let path = path(start(yaw), turns, side);
             let imposed = world.depth_off_road(&start(yaw));
-            (imposed, returns_to_road(&world, &path, 15.0, imposed))
+            (imposed, returns_to_road(&world, &path, f64::INFINITY, 0.0))
         };
         let case = format!("{depth} m off on side {side}");
         let (imposed, straight) = returns(0.0, &[0.0, 0.0, 0.0]);
@@ -38,6 +39,13 @@ fn only_a_path_that_returns_to_the_road_is_excused_from_it() {
         assert!(!returns(0.02, &[0.0, 0.0, 0.0]).1, "{case}: farther off");
         assert!(!returns(0.0, &[0.1, -0.1, -0.2]).1, "{case}: first farther off, then back");
         assert!(!returns(-0.08, &[0.1, 0.1, 0.1]).1, "{case}: back, and off again");
+        // with a wider tube: a stop after a few metres along the edge, and the distance at the end
+        let until = |yaw: f64, until: f64, wider: f64| {
+            returns_to_road(&world, &path(start(yaw), &[0.0; 3], side), until, wider)
+        };
+        assert!(until(0.0, 0.6, 0.3) && !until(0.0, 3.1, 0.3), "{case}: along the edge");
+        // 0.06 rad are 0.899 m in 15 m; the corners of the margin stick out by another 0.05 m
+        assert!(until(-0.06, f64::INFINITY, 0.8) && !until(-0.06, f64::INFINITY, 0.95), "{case}: back to the road");
         // beyond the station from which it has to be on the road, the road itself is checked
         assert!(returns(-0.2, &[0.0, 0.1, 0.1, 0.3, 0.3]).1, "{case}: off again after it");
     }

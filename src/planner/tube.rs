@@ -21,13 +21,13 @@
 
 use std::sync::Arc;
 
-use super::allowance::{Kept, allowance_at};
+use super::allowance::{Kept, allowance_at, returns_to_road};
 use super::level::LevelLimits;
 use super::{Planner, Start, lead};
 use crate::collision::{Allowance, Margins, SafetyMargins, Sweep};
 use crate::geometry::Pose;
 use crate::lattice::LatticePath;
-use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
+use crate::trajectory::{Path, SpeedProfile, Trajectory, TrajectoryPoint};
 use crate::vehicle::{GripUse, PathMotion, TrackingError, Vehicle};
 
 /// Width of the tube beyond the road boundary that a proof permits, m: lanelets of real maps have gaps of centimetres between their
@@ -214,7 +214,15 @@ impl Planner<'_> {
         let lead = lead.map(|path| world.sweep_path(&path));
         let sweeps: Vec<&Sweep> = lead.iter().chain(sweeps.iter().map(AsRef::as_ref)).collect();
         let fine_until = start.lead.length() + level.fine_until(start.point.speed);
+        let is_return = || {
+            let (from, end) = (trajectory.at(now).station, trajectory.profile.last().station);
+            let wider = (margins.road - self.least_tube().margins.road).max(0.0);
+            let ahead = Path::new(trajectory.at(now).pose, &trajectory.path.part(from, f64::INFINITY));
+            ahead.is_none_or(|path| returns_to_road(world, &path, end - from, wider))
+        };
+        let begins_off_road = allowance_at(world, margins, &trajectory.at(now), Kept::Share).is_off_road();
         is_lead_free
+            && (!begins_off_road || is_return())
             && self.is_free_of_statics(trajectory, margins, start.point.time, Kept::Share)
             && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
     }

@@ -259,7 +259,8 @@ impl<'a> FallbackJudge<'a> {
                 worst = (here, sample.time);
             }
         }
-        let limit = self.settings.road_tolerance.max(at_start);
+        // a start off the road is imposed, as on the road the tolerance is for what is added to it
+        let limit = at_start + self.settings.road_tolerance;
         Finding::new(Kind::Road, worst.0, limit, "m", worst.1, format!("left the road by {:.2} m", Short(worst.0)))
     }
 }
