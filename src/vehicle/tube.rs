@@ -101,24 +101,32 @@ impl TrackingTube {
         used.total <= 1.0 && speed <= self.largest_speed(used)
     }
 
-    /// The largest speed for which the bounds hold with this use of the grip, m/s.
+    /// The largest speed for which the bounds hold with this use of the grip, m/s: linear between the measured corners.
     #[must_use]
     pub fn largest_speed(&self, used: &GripUse) -> f64 {
-        let [gentle, moderate, full] = self.speed;
-        let is_straight = used.turning <= Self::STRAIGHT_USE;
-        if used.total <= if is_straight { Self::STRAIGHT_BRAKING } else { Self::GENTLE_USE } {
-            gentle
-        } else if used.total <= Self::MODERATE_USE || is_straight {
-            moderate
+        if used.turning <= Self::STRAIGHT_USE {
+            between(&self.straight(), used.total)
         } else {
-            full
+            between(&self.turning(), used.total)
         }
     }
 
     /// The largest use of the grip with which straight driving at a speed (m/s) is in the domain, if any is.
     #[must_use]
     pub fn straight_use(&self, speed: f64) -> f64 {
-        if speed <= self.speed[1] { 1.0 } else { Self::STRAIGHT_BRAKING }
+        between(&self.straight().map(|(used, speed)| (speed, used)), speed)
+    }
+
+    /// The corners of the domain: use of the grip and largest speed (m/s).
+    fn turning(&self) -> [(f64, f64); 3] {
+        let [gentle, moderate, full] = self.speed;
+        [(Self::GENTLE_USE, gentle), (Self::MODERATE_USE, moderate), (1.0, full)]
+    }
+
+    /// The corners of the domain of straight driving.
+    fn straight(&self) -> [(f64, f64); 2] {
+        let [gentle, moderate, _] = self.speed;
+        [(Self::STRAIGHT_BRAKING, gentle), (1.0, moderate)]
     }
 
     /// The bounds for a trajectory that uses the grip at most that much.
@@ -148,6 +156,15 @@ impl TrackingTube {
             heading: [0.1, 3.0 * slip],
         }
     }
+}
+
+/// The value at x of the line through the corners (x, y), which are in the order of rising or falling x; constant beyond them.
+fn between(corners: &[(f64, f64)], x: f64) -> f64 {
+    let share = |a: f64, b: f64| if a == b { 1.0 } else { ((x - a) / (b - a)).clamp(0.0, 1.0) };
+    corners.windows(2).fold(corners[0].1, |y, pair| {
+        let [(a, _), (b, next)] = [pair[0], pair[1]];
+        y + share(a, b) * (next - pair[0].1)
+    })
 }
 
 /// See [`Vehicle::lateral_lag`].
