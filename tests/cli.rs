@@ -664,6 +664,36 @@ fn plan_lists_candidates_with_cost_terms_and_rejections() {
     assert!(higher.clone().count() > 0 && higher.clone().all(|c| cost(c) >= cost(chosen) - 1e-6));
 }
 
+/// At 19.6 m/s, 20 m before an obstacle that covers half of the lane: no stop is proven, the vehicle evades.
+#[test]
+fn higher_cost_has_a_cheaper_candidate_in_the_same_attempt_also_without_a_proof() {
+    let place = Place::new();
+    let obstacle = "<staticObstacle id=\"900\"><type>unknown</type><shape><rectangle><length>1</length><width>2.67</width></rectangle>\
+                    </shape><initialState><position><point><x>29.7</x><y>-1.97</y></point></position><orientation><exact>0</exact>\
+                    </orientation><time><exact>0</exact></time></initialState></staticObstacle><planningProblem";
+    let road = road_with("<planningProblem", obstacle).replacen("<velocity><exact>5<", "<velocity><exact>19.6<", 1);
+    let name = place.file("evade.xml", road);
+    let output = place.run(&["drive", &name, "--fallbacks", "off", "--json", "-", "--json-cycles"]);
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let mut evading = 0;
+    for cycle in result["cycles"].as_array().unwrap() {
+        let candidates = cycle["candidates"].as_array().unwrap();
+        let summary = cycle["summary"].as_str().unwrap();
+        for higher in candidates.iter().filter(|c| c["rejected"] == "higher_cost") {
+            let is_cheaper = |c: &&Value| {
+                let is_best = c["rejected"].is_null() || c["rejected"] == "below_switching_threshold";
+                is_best && c["attempt"] == higher["attempt"] && c["cost"].as_f64() <= higher["cost"].as_f64()
+            };
+            assert!(candidates.iter().any(|c| is_cheaper(&c)), "{summary}: {higher}");
+            if cycle["decision"] == "unproven" {
+                evading += 1;
+                assert!(summary.contains("evades on lane 0") && !summary.contains("higher_cost"), "{summary}");
+            }
+        }
+    }
+    assert!(evading > 0, "no cycle evades without a proof");
+}
+
 #[test]
 fn json_cycles_lists_every_cycle_and_keeps_the_hash() {
     let place = Place::new();
