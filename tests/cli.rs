@@ -487,7 +487,9 @@ fn exit_3_is_an_output_that_cannot_be_written() {
     let place = Place::new();
     for option in ["--json", "--csv", "--solution", "--svg"] {
         let named = format!("{option} none/out");
-        fails(&place.run(&["drive", ROAD, option, "none/out"]), 3, &[&named, "cannot be written"]);
+        let missing = [&named, "cannot be written: there is no folder none"];
+        fails(&place.run(&["drive", ROAD, option, "none/out"]), 3, &missing);
+        fails(&place.run(&["plan", ROAD, option, "out/"]), 3, &[option, "out/", "is the name of a folder"]);
         fails(&place.run(&["drive", ROAD, option, "."]), 3, &[option, "cannot be written"]);
     }
     fails(&place.run(&["drive", ROAD, "--svg", "fine.svg", "--json", "none/out"]), 3, &["none/out"]);
