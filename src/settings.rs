@@ -9,19 +9,27 @@ use crate::number;
 
 /// A setting that is out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("setting `{field}` is {}, it must be {expected}", number::exact(*value))]
+#[error("setting `{field}` {}, it must {} {expected}", self.found(), if *is_length { "have" } else { "be" })]
 pub struct SettingsError {
     /// Name of the setting, with its table as seen from the settings that were validated.
     pub field: String,
-    /// Its value, or a count where the field says so.
+    /// Its value, or the length of a list.
     pub value: f64,
+    /// Whether the length of a list is out of its range.
+    pub is_length: bool,
     /// Its range.
     pub expected: String,
 }
 
 impl SettingsError {
     pub(crate) fn new(field: impl Into<String>, value: f64, expected: impl Into<String>) -> Self {
-        Self { field: field.into(), value, expected: expected.into() }
+        Self { field: field.into(), value, is_length: false, expected: expected.into() }
+    }
+
+    /// The value as in a sentence.
+    fn found(&self) -> String {
+        let value = number::exact(self.value);
+        if self.is_length { format!("has {value} entries") } else { format!("is {value}") }
     }
 
     /// The same error as seen from the settings that contain `table`.
@@ -65,6 +73,18 @@ pub(crate) fn count(field: &str, value: usize, range: RangeInclusive<usize>) -> 
     #[allow(clippy::cast_precision_loss)] // for a message
     let value = value as f64;
     Err(SettingsError::new(field, value, format!("from {} to {}", range.start(), range.end())))
+}
+
+/// Refuses lists with too few or too many entries.
+pub(crate) fn length<T>(field: &str, list: &[T], range: RangeInclusive<usize>) -> Result<(), SettingsError> {
+    count(field, list.len(), range).map_err(|error| SettingsError { is_length: true, ..error })
+}
+
+/// Refuses a name that is given twice: one of the values would be ignored.
+pub(crate) fn each_once<'a>(names: impl IntoIterator<Item = &'a str>) -> Result<(), String> {
+    let mut seen = std::collections::BTreeSet::new();
+    let repeated = names.into_iter().find(|name| !seen.insert(*name));
+    repeated.map_or(Ok(()), |name| Err(format!("`{name}` is given twice; expected each name once")))
 }
 
 #[cfg(test)]

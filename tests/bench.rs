@@ -92,8 +92,10 @@ fn fallbacks_are_reported_in_every_format_with_equal_hashes() {
     for (wrong, code, word) in [
         (&["--inject", "wind=3"][..], 2, "wind"),
         (&["--scenes", "0", "--maps", "off"], 2, "nothing to run"),
-        (&["--maps", "none"], 3, "none"),
-        (&["--maps", "."], 3, "no scenario"),
+        (&["--vehicle", "bwm_320i"], 3, "--vehicle bwm_320i: no such vehicle"),
+        (&["--maps", "none"], 3, "--maps none: cannot be read: "),
+        (&["--maps", "none"], 3, "expected a folder of scenarios (*.xml), or off"),
+        (&["--maps", "."], 3, "--maps .: has no scenario; expected a folder of scenarios (*.xml), or off"),
     ] {
         let output = run(folder.path(), &[&["bench", "fallbacks"], wrong].concat());
         let error = text(&output.stderr);
@@ -214,14 +216,21 @@ fn result(folder: &Path, arguments: &[&str]) -> Value {
 #[test]
 fn wrong_use_exits_with_2_and_writes_no_file() {
     let folder = tempfile::tempdir().unwrap();
-    let wrong: [(&[&str], &str); 9] = [
+    let wrong: [(&[&str], &str); 16] = [
         (&["bench"], "spirals"),
         (&["bench", "splines"], "splines"),
         (&["bench", "spirals", "extra"], "extra"),
         (&["bench", "spirals", "--problems", "0"], "--problems"),
         (&["bench", "spirals", "--problems", "many"], "--problems"),
         (&["bench", "spirals", "--problems", "1000001"], "--problems"),
-        (&["bench", "spirals", "--seed=-1"], "--seed"),
+        (&["bench", "spirals", "--seed", "-1"], "'--seed <N>': expected a whole number from 0 to 18446744073709551615"),
+        (&["bench", "spirals", "--problems", "-1"], "expected a whole number from 1 to 1000000"),
+        (&["bench", "safetlp", "--every", "-1"], "expected a whole number from 1"),
+        (&["bench", "safetlp", "--memory", "-1"], "expected a whole number from 1 to 65536"),
+        (&["bench", "safetlp", "--step", "-1"], "'--step <M>': expected a length in metres above 0"),
+        (&["bench", "safetlp", "--time-limit", "-1"], "expected a time in seconds of at least 0"),
+        (&["bench", "fallbacks", "--scenes", "-1"], "expected a whole number from 0 to 1000000"),
+        (&["bench", "fallbacks", "--interval", "-1"], "'--interval <S>': expected an interval from 0.05 to 3600 s"),
         (&["bench", "spirals", "--csv", "a", "--svg", "./a"], "twice"),
         (&["bench", "spirals", "--csv", "-"], "stdout"),
     ];

@@ -209,6 +209,11 @@ fn a_full_disk_is_an_error_and_other_reports_are_written() {
         assert!(place.read("other").contains("1 drive"), "{other}");
         std::fs::remove_file(place.path("other")).unwrap();
     }
+    says(
+        &place.check(&["--resume", "none/state"]),
+        3,
+        &["--resume none/state: cannot be written: there is no folder none"],
+    );
     says(&place.check(&["--resume", "/dev/full"]), 3, &["--resume /dev/full", "not a regular file"]);
     says(&place.check(&["--json", "none/r.json"]), 3, &["--json none/r.json", "cannot be written"]);
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();

@@ -134,13 +134,38 @@ fn a_value_out_of_range_names_its_flag() {
         ("--fallbacks", "0", "from 0.05 to 3600 s, or off"),
         ("--fallbacks", "0.001", "from 0.05 to 3600 s, or off"),
         ("--fallbacks", "1e300", "from 0.05 to 3600 s, or off"),
-        ("--seed", "-1", "-1"),
-        ("--seed", "1e300", "1e300"),
+        ("--seed", "-1", "a whole number from 0 to 18446744073709551615"),
+        ("--seed", "18446744073709551616", "a whole number from 0 to 18446744073709551615"),
+        ("--seed", "1e300", "a whole number from 0"),
+        ("--threads", "-1", "a whole number from 1 to 1024"),
+        ("--threads", "1.5", "a whole number from 1 to 1024"),
+        ("--problem", "first", "the id of a planning problem"),
+        ("--inject", "missed_cycles=99999999999", "a whole number from 0 to 10000"),
+        ("--sensor", "seed=-1", "a whole number from 0 to 18446744073709551615"),
+        ("--sensor", "fov=400", "fov must be from 0 to 360 degrees"),
+        ("--sensor", "range=10,range=20", "`range` is given twice; expected each name once"),
+        ("--sensor", "occlusion,fov=90,occlusion=off", "`occlusion` is given twice"),
     ];
     for (flag, value, expected) in wrong {
+        for arguments in [vec![format!("{flag}={value}")], vec![flag.to_owned(), value.to_owned()]] {
+            let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+            fails(&place.run(&[&["drive", ROAD], arguments.as_slice()].concat()), 2, &[flag, value, expected]);
+        }
         let output = place.run(&["drive", ROAD, &format!("{flag}={value}")]);
-        fails(&output, 2, &[flag, value, expected]);
         assert!(!stderr(&output).contains("verdict."), "names a key: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_fault_that_is_given_twice_is_wrong_use() {
+    let place = Place::new();
+    let twice = ["--inject", "mass=1.1", "--inject", "delay=0.1", "--inject", "mass=1.2"];
+    for command in [["drive", ROAD].as_slice(), &["bench", "fallbacks", "--maps", "off", "--scenes", "1"]] {
+        fails(
+            &place.run(&[command, &twice].concat()),
+            2,
+            &["--inject: `mass` is given twice; expected each name once"],
+        );
     }
 }
 
@@ -163,6 +188,7 @@ fn plan_refuses_the_flags_of_the_simulation() {
         assert!(!help.contains(flag), "the help of plan lists {flag}");
     }
     fails(&place.run(&["drive", ROAD, "--junit", "a"]), 2, &["--junit is a flag of `stopline check`"]);
+    fails(&place.run(&["drive", ROAD, "--maps", "a"]), 2, &["--maps is a flag of `stopline bench fallbacks`"]);
     assert_eq!(place.names(), Vec::<String>::new());
 }
 
@@ -412,7 +438,11 @@ fn exit_3_is_an_invalid_vehicle_or_settings_file() {
         ("friction.toml", "[simulation]\nfriction_scale = 0.0\n", "simulation.friction_scale"),
         ("huge.toml", "[run]\nlongest = 1e300\n", "`run.longest` is 1e300"),
         ("near.toml", "[planner.collision]\nroad = -1.0\n", "planner.collision.road"),
-        ("straight.toml", "[planner.lattice]\nheadings = []\n", "planner.lattice.headings"),
+        (
+            "straight.toml",
+            "[planner.lattice]\nheadings = []\n",
+            "`planner.lattice.headings` has 0 entries, it must have from 1 to 9",
+        ),
     ];
     for (name, text, word) in settings {
         let name = place.file(name, text);
@@ -487,7 +517,9 @@ fn exit_3_is_an_output_that_cannot_be_written() {
     let place = Place::new();
     for option in ["--json", "--csv", "--solution", "--svg"] {
         let named = format!("{option} none/out");
-        fails(&place.run(&["drive", ROAD, option, "none/out"]), 3, &[&named, "cannot be written"]);
+        let missing = [&named, "cannot be written: there is no folder none"];
+        fails(&place.run(&["drive", ROAD, option, "none/out"]), 3, &missing);
+        fails(&place.run(&["plan", ROAD, option, "out/"]), 3, &[option, "out/", "is the name of a folder"]);
         fails(&place.run(&["drive", ROAD, option, "."]), 3, &[option, "cannot be written"]);
     }
     fails(&place.run(&["drive", ROAD, "--svg", "fine.svg", "--json", "none/out"]), 3, &["none/out"]);
@@ -662,6 +694,36 @@ fn plan_lists_candidates_with_cost_terms_and_rejections() {
     let cost = |c: &Value| c["cost"].as_f64().unwrap();
     let higher = result["candidates"].as_array().unwrap().iter().filter(|c| c["rejected"] == "higher_cost");
     assert!(higher.clone().count() > 0 && higher.clone().all(|c| cost(c) >= cost(chosen) - 1e-6));
+}
+
+/// At 19.6 m/s, 20 m before an obstacle that covers half of the lane: no stop is proven, the vehicle evades.
+#[test]
+fn higher_cost_has_a_cheaper_candidate_in_the_same_attempt_also_without_a_proof() {
+    let place = Place::new();
+    let obstacle = "<staticObstacle id=\"900\"><type>unknown</type><shape><rectangle><length>1</length><width>2.67</width></rectangle>\
+                    </shape><initialState><position><point><x>29.7</x><y>-1.97</y></point></position><orientation><exact>0</exact>\
+                    </orientation><time><exact>0</exact></time></initialState></staticObstacle><planningProblem";
+    let road = road_with("<planningProblem", obstacle).replacen("<velocity><exact>5<", "<velocity><exact>19.6<", 1);
+    let name = place.file("evade.xml", road);
+    let output = place.run(&["drive", &name, "--fallbacks", "off", "--json", "-", "--json-cycles"]);
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let mut evading = 0;
+    for cycle in result["cycles"].as_array().unwrap() {
+        let candidates = cycle["candidates"].as_array().unwrap();
+        let summary = cycle["summary"].as_str().unwrap();
+        for higher in candidates.iter().filter(|c| c["rejected"] == "higher_cost") {
+            let is_cheaper = |c: &&Value| {
+                let is_best = c["rejected"].is_null() || c["rejected"] == "below_switching_threshold";
+                is_best && c["attempt"] == higher["attempt"] && c["cost"].as_f64() <= higher["cost"].as_f64()
+            };
+            assert!(candidates.iter().any(|c| is_cheaper(&c)), "{summary}: {higher}");
+            if cycle["decision"] == "unproven" {
+                evading += 1;
+                assert!(summary.contains("evades on lane 0") && !summary.contains("higher_cost"), "{summary}");
+            }
+        }
+    }
+    assert!(evading > 0, "no cycle evades without a proof");
 }
 
 #[test]

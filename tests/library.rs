@@ -30,7 +30,7 @@ fn the_planner_refuses_settings_out_of_their_range() {
     assert!(refusal(|s| s.lattice.offset_spacing = 1e-9).starts_with("setting `lattice.offset_spacing` is 1e-9,"));
     assert!(refusal(|s| s.lattice.grid = 0.0).starts_with("setting `lattice.grid` is 0,"));
     assert!(refusal(|s| s.lattice.layers = usize::MAX).starts_with("setting `lattice.layers` is"));
-    assert!(refusal(|s| s.lattice.headings.clear()).starts_with("setting `lattice.headings (number)` is 0,"));
+    assert!(refusal(|s| s.lattice.headings.clear()).starts_with("setting `lattice.headings` has 0 entries,"));
     assert!(refusal(|s| s.collision.spacing = 0.0).starts_with("setting `collision.spacing` is 0,"));
     assert!(refusal(|s| s.refinement.iterations = 0).starts_with("setting `refinement.iterations` is 0,"));
     assert!(refusal(|s| s.uncertainty.lateral = -1.0).starts_with("setting `uncertainty.lateral` is -1,"));

@@ -4,6 +4,7 @@ mod run;
 
 use std::path::PathBuf;
 
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
 use crate::regression::Shard;
@@ -86,11 +87,11 @@ pub(super) struct CheckArgs {
     pub(super) suites: Vec<PathBuf>,
 
     /// Number of parallel drives; the number of cores if not given. The reports do not depend on it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = run::whole(1..=MAX_THREADS))]
     pub(super) jobs: Option<u16>,
 
     /// Run only part I of N: every Nth drive, beginning with the Ith.
-    #[arg(long, value_name = "I/N")]
+    #[arg(long, value_name = "I/N", allow_hyphen_values = true)]
     pub(super) shard: Option<Shard>,
 
     /// Store finished drives in this file. After an interruption the same command continues from there.
@@ -175,16 +176,19 @@ pub(super) enum Comparison {
 #[derive(Debug, ArgGroup)]
 pub(super) struct FallbackArgs {
     /// Seed of the scenes.
-    #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED)]
+    #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED, allow_negative_numbers = true,
+          value_parser = run::whole(0..=u64::MAX))]
     pub(super) seed: u64,
 
     /// Random scenes for each pair of vehicle and road surface (dry, wet, ice). By an estimate from samples, 40 and the bundled
     /// maps are about 10,000 branches, and take some ten minutes on two cores.
-    #[arg(long, value_name = "N", default_value_t = 90, value_parser = clap::value_parser!(u64).range(..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 90, allow_negative_numbers = true,
+          value_parser = run::whole(0..=1_000_000_u64))]
     pub(super) scenes: u64,
 
     /// Number of the first random scene.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=1_000_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true,
+          value_parser = run::whole(0..=1_000_000_000_u64))]
     pub(super) first: u64,
 
     /// The maps to run besides: every scenario (*.xml) of this folder, or none of them; default: the folder `maps`, if there is one.
@@ -192,14 +196,14 @@ pub(super) struct FallbackArgs {
     pub(super) maps: Option<PathBuf>,
 
     /// One vehicle only: the name of a built-in one, or a folder.
-    #[arg(long, value_name = "NAME|FOLDER")]
+    #[arg(long, value_name = "NAME|FOLDER", value_parser = NonEmptyStringValueParser::new())]
     pub(super) vehicle: Option<String>,
 
     /// Time between two branches of an unchanged plan, s.
-    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = 0.5, value_parser = run::interval, allow_negative_numbers = true)]
     pub(super) interval: f64,
 
-    /// A fault unknown to the planner; repeatable: delay=S, friction=FACTOR, mass=FACTOR, noise=M, missed_cycles=N.
+    /// A fault unknown to the planner; repeatable, each once: delay=S, friction=FACTOR, mass=FACTOR, noise=M, missed_cycles=N.
     #[arg(long, value_name = "NAME=VALUE", value_parser = run::fault)]
     pub(super) inject: Vec<String>,
 
@@ -224,7 +228,7 @@ pub(super) struct SafeTlpArgs {
     pub(super) length: f64,
 
     /// Length of a step, m. A step that does not divide the road is adjusted to the nearest one that does.
-    #[arg(long, value_name = "M", default_value_t = 0.5, allow_negative_numbers = true)]
+    #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = step_length, allow_negative_numbers = true)]
     pub(super) step: f64,
 
     /// Width of a time bin, s; 1 ms to 10 s.
@@ -232,16 +236,17 @@ pub(super) struct SafeTlpArgs {
     pub(super) time_bin: f64,
 
     /// Use every Nth start speed: 1 is the paper's experiment, 13 takes seconds.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, value_parser = run::whole(1..=u32::MAX))]
     pub(super) every: u32,
 
     /// Memory limit of a search, MiB.
-    #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, value_name = "MIB", default_value_t = 64, allow_negative_numbers = true,
+          value_parser = run::whole(1..=65_536_u32))]
     pub(super) memory: u32,
 
     /// Start no search of plan-to-stop after this time, s. The report counts the omitted searches; a check that needs
     /// them is N/A, and the exit code is 1.
-    #[arg(long, value_name = "S", default_value_t = 1800.0, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = 1800.0, value_parser = seconds, allow_negative_numbers = true)]
     pub(super) time_limit: f64,
 
     /// The result as JSON. `-` prints it on stdout and suppresses the report.
@@ -265,12 +270,13 @@ pub(super) struct SafeTlpArgs {
 #[derive(Debug, ArgGroup)]
 pub(super) struct SpiralArgs {
     /// Random seed of the problems.
-    #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED)]
+    #[arg(long, value_name = "N", default_value_t = crate::bench::problems::SEED, allow_negative_numbers = true,
+          value_parser = run::whole(0..=u64::MAX))]
     pub(super) seed: u64,
 
     /// Number of problems.
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_PROBLEMS,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_PROBLEMS)))]
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_PROBLEMS, allow_negative_numbers = true,
+          value_parser = run::whole(1..=MAX_PROBLEMS))]
     pub(super) problems: u32,
 
     /// The result as JSON. `-` prints it on stdout and suppresses the report.
@@ -292,12 +298,17 @@ pub(super) struct SpiralArgs {
 
 /// The length of a benchmark's road, m.
 fn road_length(text: &str) -> Result<f64, String> {
-    number_in(text, 0.001..=10_000.0, "a length in metres, 0.001 to 10000")
+    number_in(text, 0.001..=10_000.0, "expected a length in metres from 0.001 to 10000")
+}
+
+/// The length of a benchmark's steps, m.
+fn step_length(text: &str) -> Result<f64, String> {
+    number_in(text, f64::MIN_POSITIVE..=10_000.0, "expected a length in metres above 0 and at most 10000")
 }
 
 /// The width of a benchmark's time bins, s. Narrower ones fill any memory before the first stop is found.
 fn bin_width(text: &str) -> Result<f64, String> {
-    number_in(text, 0.001..=10.0, "a time in seconds, 0.001 to 10")
+    number_in(text, 0.001..=10.0, "expected a time in seconds from 0.001 to 10")
 }
 
 fn number_in(text: &str, range: std::ops::RangeInclusive<f64>, expected: &str) -> Result<f64, String> {
@@ -308,7 +319,7 @@ fn number_in(text: &str, range: std::ops::RangeInclusive<f64>, expected: &str) -
 fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if seconds >= 0.0 => Ok(seconds),
-        _ => Err("a time in seconds, not negative".into()),
+        _ => Err("expected a time in seconds of at least 0".into()),
     }
 }
 

@@ -66,9 +66,7 @@ impl Job {
                 }
                 None => {}
             }
-            for fault in &inject {
-                settings.faults.inject(fault).map_err(|e| Failure::Use(format!("--inject {fault}: {e}")))?;
-            }
+            settings.faults.inject_all(&inject).map_err(|e| Failure::Use(format!("--inject: {e}")))?;
             settings.faults.seed = seed.unwrap_or(settings.faults.seed);
             Ok(())
         };
@@ -219,7 +217,7 @@ fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Fa
 }
 
 /// A vehicle that cannot be read. An unknown name gets the built-in name that it may stand for.
-fn wrong_vehicle(typed: &str, error: &VehicleError) -> Failure {
+pub(super) fn wrong_vehicle(typed: &str, error: &VehicleError) -> Failure {
     let VehicleError::Unknown { .. } = error else {
         return Input::Vehicle.failure(Path::new(typed), &format!("{typed}: {error}"));
     };

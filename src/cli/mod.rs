@@ -113,8 +113,13 @@ fn with_owner(mut error: clap::Error, command: Option<&OsString>) -> clap::Error
         return error;
     };
     let program = args::Args::command();
-    let has_flag = |command: &&clap::Command| command.get_arguments().any(|a| a.get_long() == Some(name));
-    let Some(owner) = program.get_subcommands().find(has_flag).map(clap::Command::get_name) else { return error };
+    let has_flag = |command: &clap::Command| command.get_arguments().any(|a| a.get_long() == Some(name));
+    let owners = program.get_subcommands().flat_map(|command| {
+        let own = (command.get_name().to_owned(), command);
+        let within = |sub| (format!("{} {}", command.get_name(), clap::Command::get_name(sub)), sub);
+        std::iter::once(own).chain(command.get_subcommands().map(within))
+    });
+    let Some((owner, _)) = owners.into_iter().find(|(_, command)| has_flag(command)) else { return error };
     let is_drive_only = owner == "drive" && command.is_some_and(|typed| typed == "plan");
     let reason = if is_drive_only { "; `stopline plan` runs no simulation" } else { "" };
     let tip = format!("{flag} is a flag of `stopline {owner}`{reason}");

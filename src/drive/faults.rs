@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::planner::{Cycle, Decision, Plan, Trace};
-use crate::settings::{SettingsError, count, within};
+use crate::settings::{SettingsError, count, each_once, within};
 use crate::simulation::{Disturbances, LocalisationNoise};
 use crate::vehicle::Vehicle;
 
@@ -41,6 +41,9 @@ impl Default for Faults {
     }
 }
 
+/// Most planning cycles missed in a row.
+const MOST_MISSED: usize = 10_000;
+
 impl Faults {
     /// The names of all faults.
     pub const NAMES: [&'static str; 5] = ["delay", "friction", "mass", "noise", "missed_cycles"];
@@ -58,18 +61,29 @@ impl Faults {
     pub fn inject(&mut self, text: &str) -> Result<(), String> {
         let expected = || format!("expected NAME=VALUE with a name of {}", Self::NAMES.join(", "));
         let (name, value) = text.split_once('=').ok_or_else(expected)?;
-        let number: f64 = value.trim().parse().map_err(|_| format!("`{value}` is not a number"))?;
-        match name.trim() {
+        let (name, value) = (name.trim(), value.trim());
+        let number: f64 = value.parse().map_err(|_| format!("{name}: `{value}` is not a number"))?;
+        match name {
             "delay" => self.delay = number,
             "friction" => self.friction = number,
             "mass" => self.mass = number,
             "noise" => self.noise = number,
             "missed_cycles" => {
-                self.missed_cycles = value.trim().parse().map_err(|_| format!("`{value}` is not a whole number"))?;
+                let wrong = |_| format!("{name}: `{value}` is not a whole number from 0 to {MOST_MISSED}");
+                self.missed_cycles = value.parse().map_err(wrong)?;
             }
             other => return Err(format!("unknown fault `{other}`; {}", expected())),
         }
         self.validate().map_err(|e| format!("{} must be {}", e.field, e.expected))
+    }
+
+    /// Injects several faults, each written `name=value`.
+    ///
+    /// # Errors
+    /// As [`Faults::inject`], or a name that is given twice.
+    pub fn inject_all(&mut self, texts: &[String]) -> Result<(), String> {
+        each_once(texts.iter().map(|text| text.split('=').next().unwrap_or_default().trim()))?;
+        texts.iter().try_for_each(|text| self.inject(text))
     }
 
     /// Checks the range of every value.
@@ -81,7 +95,7 @@ impl Faults {
         within("friction", self.friction, 0.01..=2.0, "")?;
         within("mass", self.mass, 0.1..=10.0, "")?;
         within("noise", self.noise, 0.0..=10.0, "m")?;
-        count("missed_cycles", self.missed_cycles as usize, 0..=10_000)
+        count("missed_cycles", self.missed_cycles as usize, 0..=MOST_MISSED)
     }
 
     /// The simulated vehicle.
@@ -147,6 +161,15 @@ mod tests {
             let message = Faults::default().inject(text).expect_err(text);
             assert!(message.contains(part), "{text}: {message}");
         }
+    }
+
+    #[test]
+    fn each_fault_is_injected_once() {
+        let inject =
+            |texts: &[&str]| Faults::default().inject_all(&texts.iter().map(|t| t.to_string()).collect::<Vec<_>>());
+        assert_eq!(inject(&["mass=1.1", "delay=0.1"]), Ok(()));
+        let message = inject(&["mass=1.1", "delay=0.1", "mass =1.2"]).unwrap_err();
+        assert_eq!(message, "`mass` is given twice; expected each name once");
     }
 
     #[test]

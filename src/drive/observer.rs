@@ -17,7 +17,7 @@ use super::prediction::{self, PredictionMode};
 use crate::geometry::{Point, Pose, Vector, cross, wrap_angle};
 use crate::map::{ConvexPart, Goal, Obstacle, PlanningProblem, Scenario};
 use crate::planner::Observation;
-use crate::settings::{SettingsError, within};
+use crate::settings::{SettingsError, each_once, within};
 use crate::vehicle::{State, Vehicle};
 
 /// Settings of the observations; the section `[observation]` of a settings file.
@@ -80,11 +80,14 @@ impl Sensor {
     /// Sets properties, written `name=value,name=value`; `occlusion` alone switches it on.
     ///
     /// # Errors
-    /// An unknown name, or a value that is not of its kind or out of its range.
+    /// An unknown name or one that is given twice, or a value that is not of its kind or out of its range.
     pub fn set(&mut self, text: &str) -> Result<(), String> {
-        for property in text.split(',').map(str::trim) {
+        let pairs = text.split(',').map(|property| {
             let (name, value) = property.split_once('=').unwrap_or((property, ""));
-            let (name, value) = (name.trim(), value.trim());
+            (name.trim(), value.trim())
+        });
+        each_once(pairs.clone().map(|(name, _)| name))?;
+        for (name, value) in pairs {
             let number = || value.parse::<f64>().map_err(|_| format!("{name}: `{value}` is not a number"));
             match name {
                 "range" => self.range = number()?,
@@ -98,7 +101,10 @@ impl Sensor {
                         other => return Err(format!("occlusion: `{other}` is neither on nor off")),
                     }
                 }
-                "seed" => self.seed = value.parse().map_err(|_| format!("seed: `{value}` is not a whole number"))?,
+                "seed" => {
+                    let wrong = |_| format!("seed: `{value}` is not a whole number from 0 to {}", u64::MAX);
+                    self.seed = value.parse().map_err(wrong)?;
+                }
                 other => return Err(format!("unknown property `{other}`; expected {}", Self::NAMES.join(", "))),
             }
         }

@@ -151,13 +151,13 @@ mod tests {
     #[test]
     fn headings_must_be_finite_and_distinct() {
         let of = |headings: &str| message(&format!("[planner.lattice]\nheadings = {headings}"));
-        assert!(of("[]").contains("planner.lattice.headings (number)` is 0, it must be from 1 to 9"), "{}", of("[]"));
+        assert!(of("[]").contains("planner.lattice.headings` has 0 entries, it must have from 1 to 9"), "{}", of("[]"));
         assert!(of("[0.0, nan]").contains("planner.lattice.headings[1]` is NaN, it must be from -1 to 1 rad"));
         assert!(of("[0.0, 2.0]").contains("headings[1]` is 2"));
         assert!(of("[0.1, 0.0, 0.1]").contains("headings[2]` is 0.1, it must be different from"));
         assert!(of("[0.0, -0.0]").contains("different from"));
         let ten: Vec<f64> = (0..10).map(|i| 0.01 * f64::from(i)).collect();
-        assert!(of(&format!("{ten:?}")).contains("is 10, it must be from 1 to 9"));
+        assert!(of(&format!("{ten:?}")).contains("has 10 entries, it must have from 1 to 9"));
     }
 
     #[test]

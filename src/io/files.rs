@@ -138,8 +138,11 @@ impl Target {
         use std::io::{Error, ErrorKind};
         let metadata = match std::fs::metadata(path) {
             Ok(metadata) => metadata,
+            Err(_) if path.to_string_lossy().ends_with(std::path::is_separator) => {
+                return Err(Error::new(ErrorKind::IsADirectory, "is the name of a folder, expected that of a file"));
+            }
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Self::Regular(path.to_owned())),
-            Err(e) => return Err(e),
+            Err(e) => return folder_of(path).and(Err(e)),
         };
         if metadata.is_dir() {
             return Err(Error::new(ErrorKind::IsADirectory, "is a folder"));
@@ -154,9 +157,23 @@ impl Target {
     }
 }
 
+/// The folder of a file, if it exists.
+fn folder_of(path: &Path) -> std::io::Result<&Path> {
+    use std::io::{Error, ErrorKind};
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    match std::fs::metadata(folder) {
+        Ok(metadata) if metadata.is_dir() => Ok(folder),
+        Ok(_) => Err(Error::new(ErrorKind::NotADirectory, format!("{} is not a folder", folder.display()))),
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            Err(Error::new(e.kind(), format!("there is no folder {}", folder.display())))
+        }
+        Err(e) => Err(e),
+    }
+}
+
 /// A temporary file in the folder of `path`, with the permissions that a new file there would have.
 fn temporary_beside(path: &Path) -> std::io::Result<tempfile::NamedTempFile> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(path)?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(".stopline-").suffix(".part");
     #[cfg(unix)]
@@ -229,6 +246,15 @@ mod tests {
             assert_eq!(check.source.kind(), write.source.kind(), "{}", path.display());
         }
         assert_eq!(std::fs::read(&protected).unwrap(), b"old");
+        let message = |name: &str| {
+            let error = check_writable(&folder.path().join(name)).unwrap_err().to_string();
+            error.replace(&folder.path().join("").display().to_string(), "")
+        };
+        assert_eq!(message("none/out.csv"), "none/out.csv: cannot be written: there is no folder none");
+        assert_eq!(message("none/too/a"), "none/too/a: cannot be written: there is no folder none/too");
+        assert_eq!(message("protected/a"), "protected/a: cannot be written: protected is not a folder");
+        assert_eq!(message("protected/a/b"), "protected/a/b: cannot be written: there is no folder protected/a");
+        assert!(message("none/").ends_with("is the name of a folder, expected that of a file"), "{}", message("none/"));
     }
 
     #[cfg(unix)]

@@ -42,7 +42,7 @@ use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::reference::ReferenceLine;
 pub use crate::settings::SettingsError;
-use crate::settings::{count, positive, within};
+use crate::settings::{count, length, positive, within};
 use crate::trajectory::Path;
 
 /// Settings of the lattice; the section `[planner.lattice]` of a settings file.
@@ -134,7 +134,7 @@ impl Settings {
 
     /// Checks the headings of the nodes: at least one, each once, and not too many edges.
     fn validate_headings(&self) -> Result<(), SettingsError> {
-        count("headings (number)", self.headings.len(), 1..=9)?;
+        length("headings", &self.headings, 1..=9)?;
         for (i, &heading) in self.headings.iter().enumerate() {
             let field = format!("headings[{i}]");
             within(&field, heading, -1.0..=1.0, "rad")?;

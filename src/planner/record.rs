@@ -46,7 +46,8 @@ pub struct Trace {
     pub candidates: Vec<Candidate>,
     /// Cells of the committed path that moving obstacles block.
     pub blocked: Vec<BlockedCell>,
-    /// Index of the chosen candidate in `candidates`; `None` if the previous plan is kept.
+    /// Index of the chosen candidate in `candidates`, also of one that evades without a proof; `None` if the previous plan is
+    /// kept or the vehicle only brakes.
     pub chosen: Option<usize>,
     /// Counts of lattice edges by outcome, over all lanes and attempts.
     pub edges: EdgeCounts,
@@ -202,8 +203,9 @@ pub enum Rejection {
     NotDrivable,
     /// `tube_blocked`: something is within the tracking errors to expect on the plan.
     TubeBlocked,
-    /// `higher_cost`: another candidate with a proven stop costs less. No speed search ran if the lower bound of the cost
-    /// was already higher.
+    /// `higher_cost`: another candidate of the same attempt has a stop and costs less. No speed search ran if the lower bound of
+    /// the cost was already higher. In a cycle without a proof the attempt is one to evade: the stop of the cheaper candidate,
+    /// the chosen one, needs all that vehicle and road give, without the reserve of a proof.
     HigherCost,
     /// `below_switching_threshold`: the cheapest candidate of its cycle, but its advantage over the committed plan is below
     /// the switching threshold.
@@ -261,20 +263,21 @@ impl Cycle {
     /// What was committed and why, in one line.
     #[must_use]
     pub fn summary(&self) -> String {
-        let rejected = || {
+        let refused = || {
             let counts = Rejection::ALL.map(|why| (why, self.trace.rejections(why)));
-            let counts = counts.iter().filter(|(_, count)| *count > 0).map(|(why, count)| format!("{count} {why}"));
-            counts.collect::<Vec<_>>().join(", ")
+            let counts = counts.iter().filter(|(why, count)| *count > 0 && why.is_refusal());
+            counts.map(|(why, count)| format!("{count} {why}")).collect::<Vec<_>>().join(", ")
         };
-        let no_proof = || match rejected() {
-            counts if counts.is_empty() => "no candidate".to_owned(),
+        let no_proof = || match refused() {
+            _ if self.trace.candidates.is_empty() => "no candidate".to_owned(),
+            counts if counts.is_empty() => "no candidate has a proven stop".to_owned(),
             counts => format!("no candidate has a proven stop ({counts})"),
         };
+        let chosen = || self.trace.chosen.and_then(|i| self.trace.candidates.get(i));
         match self.plan.decision {
             Decision::NewPlan => {
                 let deceleration = self.plan.deceleration;
-                let candidate = self.trace.chosen.and_then(|i| self.trace.candidates.get(i));
-                let what = candidate.map_or_else(String::new, |c| format!(" lane {}, cost {:.2},", c.lane, c.cost));
+                let what = chosen().map_or_else(String::new, |c| format!(" lane {}, cost {:.2},", c.lane, c.cost));
                 let stop =
                     self.plan.trajectory.profile.last().station - self.plan.trajectory.at(self.plan.time).station;
                 let robust = if self.plan.is_robust { ", robust" } else { "" };
@@ -290,7 +293,10 @@ impl Cycle {
                     Some(contact) => contact.to_string(),
                     None => "no contact expected".to_owned(),
                 };
-                format!("unproven: {contact}; {}", no_proof())
+                let evades = chosen().map_or_else(String::new, |c| {
+                    format!("; evades on lane {}, cost {:.2}, without the reserve of a proof", c.lane, c.cost)
+                });
+                format!("unproven: {contact}{evades}; {}", no_proof())
             }
         }
     }
@@ -415,5 +421,14 @@ mod tests {
         assert_eq!(record.summary(), "keep previous plan: the best candidate is below the switching threshold");
         (record.plan.decision, record.trace.candidates) = (Decision::Unproven, Vec::new());
         assert_eq!(record.summary(), "unproven: no contact expected; no candidate");
+        record.trace.candidates = vec![
+            candidate(Some(Rejection::CannotStop), 1.0),
+            candidate(Some(Rejection::HigherCost), 4.0),
+            candidate(None, 3.214),
+        ];
+        record.trace.chosen = Some(2);
+        let summary = "unproven: no contact expected; evades on lane 1, cost 3.21, without the reserve of a proof; \
+                       no candidate has a proven stop (1 cannot_stop)";
+        assert_eq!(record.summary(), summary);
     }
 }

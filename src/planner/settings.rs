@@ -2,7 +2,7 @@
 
 use crate::collision::{CollisionSettings, MotionBounds};
 use crate::lattice;
-use crate::settings::{SettingsError, count, positive, within};
+use crate::settings::{SettingsError, count, length, positive, within};
 
 /// Settings of the planner; the section `[planner]` of a settings file. SI units.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -165,7 +165,7 @@ impl Settings {
         within("standoff", self.standoff, 0.0..=100.0, "m")?;
         positive("lateral_share", self.lateral_share, 1.0, "")?;
         positive("stopping_share", self.stopping_share, 1.0, "")?;
-        count("emergency (number of levels)", self.emergency.len(), 0..=16)?;
+        length("emergency", &self.emergency, 0..=16)?;
         for (i, level) in self.emergency.iter().enumerate() {
             level.validate().map_err(|e| e.in_table(&format!("emergency[{i}]")))?;
         }

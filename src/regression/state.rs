@@ -13,6 +13,7 @@ use std::sync::Mutex;
 
 use super::SuiteError;
 use super::run::Measured;
+use crate::io::files;
 
 /// The start of the first line, for every version of the format.
 const FIRST_BYTES: &str = "{\"format\":\"stopline.check.state/";
@@ -51,6 +52,7 @@ impl State {
         if path.exists() && !path.is_file() {
             return Err(wrong("not a regular file".into()));
         }
+        files::check_writable(path).map_err(|e| failed("cannot be written", &e.source))?;
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)

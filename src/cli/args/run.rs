@@ -1,9 +1,12 @@
 //! Arguments of `plan` and `drive`. Each value is checked here, so that clap names the flag and the value in its message.
 
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::Args as ArgGroup;
-use clap::builder::{PathBufValueParser, TypedValueParser};
+use clap::builder::{NonEmptyStringValueParser, PathBufValueParser, TypedValueParser};
 
 use crate::drive::{Faults, PredictionMode, Sensor};
 use crate::io::settings_file::nearest;
@@ -40,12 +43,13 @@ pub(in crate::cli) struct DriveArgs {
     ///
     /// delay=S: dead time of the actuators. friction=FACTOR: factor on the friction of the road. mass=FACTOR: factor on the
     /// vehicle's mass. noise=M: standard deviation of the localisation error, m. missed_cycles=N: planning cycles skipped after each
-    /// one. If a fault is given twice, the last value applies.
+    /// one. Each fault at most once.
     #[arg(long, value_name = "NAME=VALUE", value_parser = fault, help_heading = "Simulation")]
     pub(in crate::cli) inject: Vec<String>,
 
     /// Random seed of the injected noise, stored in the result
-    #[arg(long, value_name = "N", help_heading = "Simulation")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole(0..=u64::MAX),
+          help_heading = "Simulation")]
     pub(in crate::cli) seed: Option<u64>,
 
     /// Comfort limit preset: safetlp (the vehicle's limits, the default), iso15622, iso11270 or r157
@@ -74,7 +78,7 @@ pub(in crate::cli) struct InputArgs {
     pub(in crate::cli) scenario: PathBuf,
 
     /// Vehicle: a built-in name, or a folder with vehicle.urdf and dynamics.toml
-    #[arg(long, value_name = "NAME|FOLDER", default_value = "bmw_320i")]
+    #[arg(long, value_name = "NAME|FOLDER", default_value = "bmw_320i", value_parser = NonEmptyStringValueParser::new())]
     pub(in crate::cli) vehicle: String,
 
     /// Configuration overrides, TOML
@@ -86,7 +90,7 @@ pub(in crate::cli) struct InputArgs {
     pub(in crate::cli) grid: Option<PathBuf>,
 
     /// Planning problem of the scenario, required if the scenario has several
-    #[arg(long, value_name = "ID", allow_negative_numbers = true)]
+    #[arg(long, value_name = "ID", allow_negative_numbers = true, value_parser = problem)]
     pub(in crate::cli) problem: Option<i64>,
 
     /// How the planner predicts obstacles: recorded (as in the scenario, the default), constant-velocity or lane-following
@@ -96,12 +100,12 @@ pub(in crate::cli) struct InputArgs {
     /// What of the obstacles is in sight, as NAME=VALUE,…; default: all of them
     ///
     /// range=M: largest distance. fov=DEGREES: field of view around the heading. occlusion: obstacles hide each other. delay=S: age
-    /// of what is seen. missed=P: probability that an obstacle is missed in a cycle, with seed=N.
+    /// of what is seen. missed=P: probability that an obstacle is missed in a cycle, with seed=N. Each name at most once.
     #[arg(long, value_name = "NAME=VALUE,…", value_parser = sensor, help_heading = "Observation")]
     pub(in crate::cli) sensor: Option<String>,
 
     /// Planner threads; default: all cores. The result does not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(MAX_THREADS)))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = whole(1..=MAX_THREADS))]
     pub(in crate::cli) threads: Option<u16>,
 }
 
@@ -166,16 +170,34 @@ pub(in crate::cli) enum FallbackInterval {
 }
 
 fn fallback_interval(text: &str) -> Result<FallbackInterval, String> {
-    if text == "off" {
-        return Ok(FallbackInterval::Off);
+    match text {
+        "off" => Ok(FallbackInterval::Off),
+        seconds => interval(seconds).map(FallbackInterval::Seconds).map_err(|e| format!("{e}, or off")),
     }
+}
+
+/// The time between two fallback branches, s.
+pub(super) fn interval(text: &str) -> Result<f64, String> {
     let interval = text.parse().unwrap_or(f64::NAN);
     let mut settings = verdict::Settings::default();
     settings.fallbacks.interval = interval;
-    match settings.validate() {
-        Ok(()) => Ok(FallbackInterval::Seconds(interval)),
-        Err(e) => Err(format!("expected an interval {}, or off", e.expected)),
+    settings.validate().map(|()| interval).map_err(|e| format!("expected an interval {}", e.expected))
+}
+
+/// Parser of a whole number in a range.
+pub(super) fn whole<T>(range: RangeInclusive<T>) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
+where
+    T: FromStr + PartialOrd + Display + Clone + Send + Sync + 'static,
+{
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        number.ok_or_else(|| format!("expected a whole number from {} to {}", range.start(), range.end()))
     }
+}
+
+/// The id of a planning problem.
+fn problem(text: &str) -> Result<i64, String> {
+    text.parse().map_err(|_| "expected the id of a planning problem, a whole number".into())
 }
 
 /// Checks a fault without injecting it.
@@ -190,14 +212,13 @@ fn prediction(text: &str) -> Result<PredictionMode, String> {
     PredictionMode::ALL.into_iter().find(|mode| mode.name() == text).ok_or_else(unknown)
 }
 
-/// Checks the properties of a sensor without setting them.
+/// Checks the properties of a sensor without setting them, first each by itself.
 fn sensor(text: &str) -> Result<String, String> {
-    let mut sensor = Sensor::default();
     for property in text.split(',') {
         let name = property.split_once('=').map_or(property, |(name, _)| name).trim();
-        sensor.set(property).map_err(|e| suggest(e, name, &Sensor::NAMES))?;
+        Sensor::default().set(property).map_err(|e| suggest(e, name, &Sensor::NAMES))?;
     }
-    Ok(text.to_owned())
+    Sensor::default().set(text).map(|()| text.to_owned())
 }
 
 fn comfort(text: &str) -> Result<ComfortPreset, String> {

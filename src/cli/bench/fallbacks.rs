@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::{all_pass, check_json, check_table};
 use crate::bench::fallbacks::{FallbackBench, GRAVE, LESSER, Map, Options, SURFACES, SceneResult, run as measure};
 use crate::cli::args::FallbackArgs;
-use crate::cli::job::Outputs;
+use crate::cli::job::{Outputs, wrong_vehicle};
 use crate::cli::{Exit, Failure, json as result, print, progress, report};
 use crate::drive::{Faults, Settings};
 use crate::io::{commonroad, files};
@@ -29,8 +29,8 @@ pub(super) fn run(args: FallbackArgs) -> Result<Exit, Failure> {
         Some(name) => vec![name],
         None => vehicle::builtin_names().to_vec(),
     };
-    let vehicles =
-        names.iter().map(|name| vehicle::load(name).map_err(Failure::file)).collect::<Result<Vec<_>, _>>()?;
+    let load = |name: &&str| vehicle::load(name).map_err(|e| wrong_vehicle(name, &e));
+    let vehicles = names.iter().map(load).collect::<Result<Vec<_>, _>>()?;
     let maps = maps(args.maps.as_deref())?;
     let problems: usize = maps.iter().map(|map| map.scenario.problems.len()).sum();
     let each = args.scenes + problems as u64;
@@ -38,9 +38,7 @@ pub(super) fn run(args: FallbackArgs) -> Result<Exit, Failure> {
         return Err(Failure::Use("nothing to run: --scenes is 0, and there are no maps (--maps FOLDER)".into()));
     }
     let mut faults = Faults::default();
-    for fault in &args.inject {
-        faults.inject(fault).map_err(|e| Failure::Use(format!("--inject: {e}")))?;
-    }
+    faults.inject_all(&args.inject).map_err(|e| Failure::Use(format!("--inject: {e}")))?;
     let options = Options { seed: args.seed, scenes: args.scenes, first: args.first, interval: args.interval, faults };
     let bar = progress::bar(!args.quiet);
     let all = each * (vehicles.len() * SURFACES.len()) as u64;
@@ -72,13 +70,17 @@ fn maps(folder: Option<&Path>) -> Result<Vec<Map>, Failure> {
         None if Path::new(MAPS).is_dir() => Path::new(MAPS),
         None => return Ok(Vec::new()),
     };
-    let unreadable = |e| Failure::File(format!("{}: {e}", folder.display()));
+    let wrong = |what: &dyn std::fmt::Display| {
+        let expected = "expected a folder of scenarios (*.xml), or off";
+        Failure::File(format!("--maps {}: {what}; {expected}", folder.display()))
+    };
+    let unreadable = |e| wrong(&format!("cannot be read: {e}"));
     let entries = std::fs::read_dir(folder).map_err(unreadable)?;
     let mut paths: Vec<PathBuf> = entries.map(|e| e.map(|e| e.path())).collect::<Result<_, _>>().map_err(unreadable)?;
     paths.retain(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xml")));
     paths.sort();
     if paths.is_empty() {
-        return Err(Failure::File(format!("{}: no scenario (*.xml); without maps: --maps off", folder.display())));
+        return Err(wrong(&"has no scenario"));
     }
     let read = |path: PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -99,6 +99,18 @@ pub enum ElementError {
         /// The widths that are valid.
         expected: &'static str,
     },
+    /// A state of an obstacle that it cannot reach from the state before.
+    #[error("{place}: is {:.1} m from the state before it, at {:.0} m/s; expected {expected}", Short(*distance), Short(*speed))]
+    Unreachable {
+        /// Location of the later state.
+        place: Place,
+        /// Distance of the two states, m.
+        distance: f64,
+        /// Mean speed between them, m/s.
+        speed: f64,
+        /// The speeds that are valid.
+        expected: &'static str,
+    },
     /// A line or polygon with too few or too many distinct points.
     #[error("{place}: has {found} point(s), expected {expected}")]
     BadPoints {
@@ -141,6 +153,7 @@ impl ElementError {
             Self::Missing { place, .. }
             | Self::BadValue { place, .. }
             | Self::Uncertain { place, .. }
+            | Self::Unreachable { place, .. }
             | Self::BadPoints { place, .. }
             | Self::DuplicateId { place, .. }
             | Self::NoSuchLanelet { place, .. }

@@ -10,14 +10,14 @@
 //!
 //! - **[`ReadError`]**: the file is not a scenario, or an element that decides about a position or a size is missing or
 //!   invalid: a coordinate that is not a number, an obstacle without a shape, a lane of one point, a state that is an
-//!   interval ([`ElementError::Uncertain`]). A default would be a guess about a possible collision. All such elements are reported at once ([`ElementErrors`]): a faulty element is
+//!   interval ([`ElementError::Uncertain`]) or out of reach of the state before it ([`ElementError::Unreachable`]). A default would be a guess about a possible collision. All such elements are reported at once ([`ElementErrors`]): a faulty element is
 //!   skipped, and the reader examines the others.
 //! - **[`Issue`](crate::map::Issue)**: the scenario is usable: a reference to a missing lanelet, an unknown element, a
 //!   state that is uncertain by less than a centimetre.
 //!
 //! Limits: intersections, signal states and the geographic location are skipped; states with intervals or regions wider
 //! than a tolerance are refused (0.01 m, 0.001 rad, 0.01 m/s, 0.01 m/s², 0.001 rad/s; a time has to be exact); a stop line
-//! applies to its whole lanelet.
+//! applies to its whole lanelet; the slip angle of an initial state is checked, but the vehicle starts along its orientation.
 
 mod error;
 mod network;

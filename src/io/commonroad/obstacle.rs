@@ -84,7 +84,7 @@ fn kind(source: &mut Source, node: Node) -> ObstacleKind {
 
 /// Initial state. A missing orientation is replaced by 0, with an issue unless the shape is round. `shape` is `None` if
 /// it has an error.
-fn initial(source: &mut Source, node: Node, shape: Option<&Shape>) -> Read<State> {
+fn initial<'a>(source: &mut Source, node: Node<'a>, shape: Option<&Shape>) -> Read<State<'a>> {
     let node = source.child(node, "initialState")?;
     let mut state = state::read(source, node)?;
     if state.uncertain {
@@ -124,7 +124,7 @@ fn moving(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
     let (shape, first) = (shape?, first?);
     let motion = match prediction? {
         Prediction::Trajectory(node, states) => {
-            Motion::Trajectory(trajectory(source, node, first, states, &shape, time_step))
+            Motion::Trajectory(trajectory(source, node, first, states, &shape, time_step)?)
         }
         Prediction::Occupancy(node, mut sets) => {
             sets.insert(0, Set { from: first.step, to: first.step, region: shape.moved(&pose(&first)) });
@@ -140,7 +140,7 @@ fn moving(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
 
 /// The prediction of a moving obstacle as written, with its element.
 enum Prediction<'a> {
-    Trajectory(Node<'a>, Vec<State>),
+    Trajectory(Node<'a>, Vec<State<'a>>),
     Occupancy(Node<'a>, Vec<Set>),
     None,
 }
@@ -167,19 +167,19 @@ fn phantom(source: &mut Source, node: Node, time_step: f64) -> Read<Obstacle> {
     Ok(Obstacle { id: id?, kind: ObstacleKind::Unknown, shape, motion: Motion::Occupancy(sets) })
 }
 
-fn states(source: &mut Source, trajectory: Node) -> Read<Vec<State>> {
+fn states<'a>(source: &mut Source, trajectory: Node<'a>) -> Read<Vec<State<'a>>> {
     all(children(trajectory, "state").map(|state| state::read(source, state)))
 }
 
 /// The initial state and the predicted ones in order of time, one for each time.
-fn trajectory(
+fn trajectory<'a>(
     source: &mut Source,
     node: Node,
-    first: State,
-    predicted: Vec<State>,
+    first: State<'a>,
+    predicted: Vec<State<'a>>,
     shape: &Shape,
     time_step: f64,
-) -> Vec<TimedPose> {
+) -> Read<Vec<TimedPose>> {
     let mut states = vec![first];
     states.extend(predicted);
     let predicted = states.len() - 1;
@@ -207,7 +207,8 @@ fn trajectory(
     }
     note_gaps(source, node, &states);
     fill_headings(source, node, &mut states, shape);
-    timed_poses(source, node, &states, time_step)
+    state::reachable(source, &states, time_step)?;
+    Ok(timed_poses(source, node, &states, time_step))
 }
 
 /// Adds an issue for time steps without a state between two states: the motion is interpolated over such a gap.

@@ -37,40 +37,36 @@ fn problem(source: &mut Source, node: Node, network: &Network, time_step: f64) -
     Ok(PlanningProblem { id: id?, initial: initial?, goals: goals? })
 }
 
-/// Largest initial speed, m/s: no road vehicle is faster, and the size of a plan grows with the stopping distance.
-const MAX_SPEED: f64 = 150.0;
 /// Largest initial acceleration, m/s²: several times what tyres give.
 const MAX_ACCELERATION: f64 = 50.0;
 /// Largest initial yaw rate, rad/s: three turns in a second. The simulation of a faster spin needs ever smaller steps.
 const MAX_YAW_RATE: f64 = 20.0;
+/// Largest initial slip angle, rad: beyond it the vehicle moves backwards, which is a negative speed.
+const MAX_SLIP_ANGLE: f64 = std::f64::consts::FRAC_PI_2;
+/// Slip angles below this one are those of a turn, which the yaw rate describes, rad.
+const SLIDING: f64 = 0.1;
 
 fn initial(source: &mut Source, node: Node) -> Read<InitialState> {
     let state = state::read(source, node);
     let (orientation, velocity) = (source.child(node, "orientation"), source.child(node, "velocity"));
-    let mut middle_of = |name, tolerance, most: f64, expected| {
-        let value = source.optional(node, name, |source, n| {
-            let (middle, uncertain) = state::middle(source, n, state::values, tolerance)?;
-            if middle.abs() <= most {
-                Ok((middle, uncertain))
-            } else {
-                Err(source.bad_value(n, &middle.to_string(), expected))
-            }
-        });
+    let mut of = |name, tolerance, most, expected| {
+        let value = source.optional(node, name, |source, n| state::bounded(source, n, tolerance, most, expected));
         Ok(value?.map_or(0.0, |(middle, _)| middle))
     };
-    let acceleration =
-        middle_of("acceleration", state::ACCELERATION, MAX_ACCELERATION, "an acceleration of at most 50 m/s²");
-    let yaw_rate = middle_of("yawRate", state::YAW_RATE, MAX_YAW_RATE, "a yaw rate of at most 20 rad/s");
-    let (state, _, velocity) = (state?, orientation?, velocity?);
-    let speed = state.speed.unwrap_or(0.0);
-    if speed.abs() > MAX_SPEED {
-        return Err(source.bad_value(velocity, &speed.to_string(), "a speed of at most 150 m/s"));
-    }
+    let acceleration = of("acceleration", state::ACCELERATION, MAX_ACCELERATION, "an acceleration of at most 50 m/s²");
+    let yaw_rate = of("yawRate", state::YAW_RATE, MAX_YAW_RATE, "a yaw rate of at most 20 rad/s");
+    let slip_angle =
+        of("slipAngle", state::SLIP_ANGLE, MAX_SLIP_ANGLE, "a slip angle of at most pi/2 rad to either side");
+    let (state, _, _) = (state?, orientation?, velocity?);
+    let (speed, slip_angle) = (state.speed.unwrap_or(0.0), slip_angle?);
     if state.uncertain {
         source.note(node, "is uncertain within the tolerances; the middle of its intervals and regions is used");
     }
     if speed < 0.0 {
         source.note(node, format!("rolls backwards at {} m/s; plans go forwards only", -speed));
+    }
+    if slip_angle.abs() > SLIDING {
+        source.note(node, format!("has a slip angle of {slip_angle} rad; the vehicle starts along its orientation"));
     }
     #[allow(clippy::cast_possible_truncation)] // whole and at most 1e9
     Ok(InitialState {

@@ -27,9 +27,17 @@ pub(super) const ACCELERATION: Tolerance =
     Tolerance { width: 0.01, expected: "exact, or an interval of at most 0.01 m/s²" };
 pub(super) const YAW_RATE: Tolerance =
     Tolerance { width: 1e-3, expected: "exact, or an interval of at most 0.001 rad/s" };
+pub(super) const SLIP_ANGLE: Tolerance =
+    Tolerance { width: 1e-3, expected: "exact, or an interval of at most 0.001 rad" };
+
+/// Largest speed, m/s: nothing on a road is faster, and the size of a plan grows with the stopping distance.
+const MAX_SPEED: f64 = 150.0;
+/// The speeds that are valid, for messages.
+const SPEEDS: &str = "a speed of at most 150 m/s";
 
 /// A state with its uncertain values, at most as wide as their tolerances, reduced to their middles.
-pub(super) struct State {
+pub(super) struct State<'a> {
+    pub(super) node: Node<'a>,
     /// Time in steps of the file.
     pub(super) step: f64,
     pub(super) position: Point,
@@ -40,16 +48,16 @@ pub(super) struct State {
 }
 
 /// Reads a state's time, position, orientation and velocity.
-pub(super) fn read(source: &mut Source, node: Node) -> Read<State> {
+pub(super) fn read<'a>(source: &mut Source, node: Node<'a>) -> Read<State<'a>> {
     let step = source.required(node, "time", |source, n| middle(source, n, steps, TIME));
     let yaw = source.optional(node, "orientation", |source, n| middle(source, n, angles, ORIENTATION));
-    let speed = source.optional(node, "velocity", |source, n| middle(source, n, values, VELOCITY));
+    let speed = source.optional(node, "velocity", |source, n| bounded(source, n, VELOCITY, MAX_SPEED, SPEEDS));
     let position = source.required(node, "position", position);
     let ((step, _), yaw, speed, (position, is_region)) = (step?, yaw?, speed?, position?);
     let is_interval = |value: &Option<(f64, bool)>| value.is_some_and(|(_, is_interval)| is_interval);
     let uncertain = is_region || is_interval(&yaw) || is_interval(&speed);
     let exact = |value: Option<(f64, bool)>| value.map(|(middle, _)| middle);
-    Ok(State { step, position, yaw: exact(yaw), speed: exact(speed), uncertain })
+    Ok(State { node, step, position, yaw: exact(yaw), speed: exact(speed), uncertain })
 }
 
 /// An exact value, or the middle of an interval within the tolerance; and whether it was an interval.
@@ -62,6 +70,35 @@ pub(super) fn middle(
     let Interval { min, max } = read(source, node)?;
     within(source, node, max - min, tolerance)?;
     Ok((f64::midpoint(min, max), min < max))
+}
+
+/// As [`middle`], of a quantity whose magnitude has a bound.
+pub(super) fn bounded(
+    source: &mut Source,
+    node: Node,
+    tolerance: Tolerance,
+    most: f64,
+    expected: &'static str,
+) -> Read<(f64, bool)> {
+    let (middle, is_interval) = middle(source, node, values, tolerance)?;
+    if middle.abs() <= most {
+        Ok((middle, is_interval))
+    } else {
+        Err(source.bad_value(node, &middle.to_string(), expected))
+    }
+}
+
+/// Reports the first state that is too far from the one before it. The states are in order of their times, one for each.
+pub(super) fn reachable(source: &mut Source, states: &[State], time_step: f64) -> Read<()> {
+    for pair in states.windows(2) {
+        let distance = (pair[1].position - pair[0].position).norm();
+        let speed = distance / ((pair[1].step - pair[0].step) * time_step);
+        if speed > MAX_SPEED {
+            let place = source.place(pair[1].node);
+            return Err(source.report(ElementError::Unreachable { place, distance, speed, expected: SPEEDS }));
+        }
+    }
+    Ok(())
 }
 
 /// Reports a value that is wider than its tolerance.
@@ -107,9 +144,7 @@ pub(super) fn angles(source: &mut Source, node: Node) -> Read<Interval> {
 
 /// An exact time step or an interval of time steps.
 pub(super) fn steps(source: &mut Source, node: Node) -> Read<Interval> {
-    #[allow(clippy::cast_precision_loss)] // at most 1e9
-    let whole = |source: &mut Source, node: Node| source.integer(node).map(|i| i as f64);
-    ends(source, node, whole)?;
+    ends(source, node, Source::step)?;
     values(source, node)
 }
 

@@ -438,6 +438,13 @@ fn refuses_an_incomplete_planning_problem() {
         &with("<exact>0.02</exact>", "<exact>-20.5</exact>"),
         &["planningProblem 40", "-20.5", "a yaw rate of at most 20 rad/s"],
     );
+    for (slip, found) in [("2", "2"), ("-1.6", "-1.6")] {
+        let text = with("<slipAngle><exact>0.0<", &format!("<slipAngle><exact>{slip}<"));
+        refused_element(
+            &text,
+            &["planningProblem 40, initialState, slipAngle", found, "at most pi/2 rad to either side"],
+        );
+    }
     refused_element(&with("<time><exact>60</exact></time>", ""), &["goalState", "time"]);
     refused_element(
         &with("<intervalEnd>80</intervalEnd>", "<intervalEnd>8</intervalEnd>"),
@@ -545,6 +552,46 @@ fn refuses_uncertain_states_of_obstacles() {
     refused_element(&with(moved, &wide), &["dynamicObstacle 31, trajectory, state, position: is uncertain by 0.02"]);
     let time = ("<exact>3</exact>", interval(3.0, 4.0));
     refused_element(&with(time.0, &time.1), &["dynamicObstacle 31, trajectory, state, time: is uncertain by 1"]);
+}
+
+#[test]
+fn refuses_negative_time_steps() {
+    for (from, to, place) in [
+        ("<exact>0</exact>", "<exact>-1</exact>", "staticObstacle 30, initialState, time, exact"),
+        ("<exact>3</exact>", "<exact>-3</exact>", "dynamicObstacle 31, trajectory, state, time, exact"),
+        ("<exact>1</exact>", "<exact>-1</exact>", "dynamicObstacle 32, occupancySet, occupancy, time, exact"),
+        ("<intervalStart>0<", "<intervalStart>-5<", "phantomObstacle 34, occupancySet, occupancy, time, intervalStart"),
+        ("<intervalStart>20<", "<intervalStart>-20<", "planningProblem 40, goalState, time, intervalStart"),
+    ] {
+        let error = refused_element(&with(from, to), &[place, "expected a time step of at least 0"]);
+        assert_eq!(error.place().line as usize, line_of(from), "{error}");
+    }
+    let start = SMALL.find("<planningProblem").unwrap();
+    let problem = SMALL[start..].replacen("<time><exact>0<", "<time><exact>-1<", 1);
+    let text = format!("{}{problem}", &SMALL[..start]);
+    refused_element(&text, &["planningProblem 40, initialState, time, exact: is \"-1\"", "at least 0"]);
+}
+
+#[test]
+fn refuses_a_state_out_of_reach_of_the_one_before() {
+    let state = "<x>1000001.0</x>";
+    let line = line_of("<trajectory>") + 1;
+    let far = refused_element(
+        &with(state, "<x>6000000.0</x>"),
+        &["dynamicObstacle 31, trajectory, state: is 5.0e6 m from the state before it", "at most 150 m/s"],
+    );
+    assert!(matches!(far, ElementError::Unreachable { .. }) && far.place().line as usize == line, "{far}");
+    // the motion counts, not the place: 14 m in 0.1 s are 140 m/s
+    assert!(read(&with(state, "<x>1000014.0</x>")).is_ok());
+    refused_element(&with(state, "<x>1000016.0</x>"), &["16.0 m from the state before it, at 160 m/s"]);
+    refused_element(&with("<exact>10.0<", "<exact>151<"), &["dynamicObstacle 31, initialState, velocity", "150 m/s"]);
+}
+
+#[test]
+fn a_slip_angle_is_an_issue() {
+    let slip = |angle: &str| with("<slipAngle><exact>0.0<", &format!("<slipAngle><exact>{angle}<"));
+    noted(&slip("-0.3"), &["planningProblem 40, initialState: has a slip angle of -0.3 rad"]);
+    assert_eq!(read(&slip("0.02")).unwrap().issues, [], "that of a turn");
 }
 
 #[test]

@@ -162,6 +162,13 @@ impl Source {
         if number.fract() == 0.0 { Ok(number as i64) } else { Err(self.bad_value(node, &text(node), "a whole number")) }
     }
 
+    /// A time step: a whole number that is not negative.
+    #[allow(clippy::cast_precision_loss)] // at most MAX_MAGNITUDE
+    pub(super) fn step(&mut self, node: Node) -> Read<f64> {
+        let step = self.integer(node)?;
+        if step >= 0 { Ok(step as f64) } else { Err(self.bad_value(node, &text(node), "a time step of at least 0")) }
+    }
+
     /// The point in an element with `<x>` and `<y>`. A `<z>` is ignored.
     pub(super) fn point(&mut self, node: Node) -> Read<Point> {
         let (x, y) = (self.required(node, "x", Self::number), self.required(node, "y", Self::number));
