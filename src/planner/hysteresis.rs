@@ -24,9 +24,15 @@
 //! Weak: if the committed plan passes nodes that the present layers do not contain, its continuation is only approximately
 //! among the candidates, and all of them pay a small cost. A committed path that is blocked by now is left at any cost.
 
+use super::candidate::TRAVEL_TIME_HORIZON;
+use super::choice::Choice;
+use super::level::LevelLimits;
+use super::record::Rejection;
+use super::{Committed, CycleRecord, Planner, Start};
 use crate::geometry::Pose;
 use crate::geometry::spiral::{CubicSpiral, PathPoint};
 use crate::geometry::steps::fitting;
+use crate::lattice::rank;
 use crate::lattice::refine::Commitment;
 use crate::trajectory::{Path, Trajectory, TrajectoryPoint};
 
@@ -102,6 +108,54 @@ impl<'a> CommittedPlan<'a> {
         let to_standstill = self.plan.profile.last().station - self.station;
         to_standstill >= FINAL_APPROACH || soon_at - to_standstill >= WORTH_MOVING
     }
+}
+
+impl Planner<'_> {
+    /// Whether the choice replaces the committed plan.
+    pub(super) fn is_worth_taking(
+        &self,
+        start: &Start,
+        level: LevelLimits,
+        choice: &Choice,
+        record: &mut CycleRecord,
+    ) -> bool {
+        let soon = choice.proven.raw_profile.last().station.min(choice.proven.progress);
+        let proven = self.committed.as_ref().filter(|c| c.level.is_proven());
+        let worth = committed_plan(proven, start).is_none_or(|plan| {
+            plan.is_worth_leaving(soon)
+                && (!plan.is_different_path(&choice.path.path)
+                    || self
+                        .staying(start, level, choice, &plan)
+                        .is_none_or(|staying| rank(choice.cost) < rank(staying)))
+        });
+        if !worth {
+            record.reject(choice.candidate, Rejection::BelowSwitchingThreshold);
+        }
+        worth
+    }
+
+    /// Cost of keeping the committed plan: the cost of its path when it was chosen, the progress shortfall since then, and
+    /// its travel time from here. `None` if its proof brakes harder or is weaker than that of the choice.
+    fn staying(&self, start: &Start, level: LevelLimits, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
+        let is_as_safe = |c: &&Committed| {
+            c.level.is_as_safe_as(level.level) && c.deceleration <= choice.deceleration && c.robust >= level.robust
+        };
+        let committed = self.committed.as_ref().filter(is_as_safe)?;
+        let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
+        let weights = &self.settings.lattice.weights;
+        let behind =
+            self.situation(start, lane, level).free_progress() - plan.progress(start.point.time + TRAVEL_TIME_HORIZON);
+        Some(
+            committed.path_cost
+                + weights.progress_shortfall * plan.driven_distance()
+                + weights.travel_time * behind.max(0.0),
+        )
+    }
+}
+
+/// The committed plan, if planning starts on it.
+pub(super) fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<CommittedPlan<'c>> {
+    committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, c.lead, &start.point))
 }
 
 #[cfg(test)]

@@ -35,6 +35,8 @@ mod lanes;
 mod lead;
 mod level;
 mod observation;
+mod paths;
+mod profile;
 mod record;
 mod refinement;
 mod reproof;
@@ -58,23 +60,22 @@ pub use settings::{
 use std::sync::Arc;
 use std::time::Instant;
 
-use self::allowance::{Kept, allowance_at, returns_to_road};
-use self::candidate::{Proven, Situation, TRAVEL_TIME_HORIZON};
+use self::candidate::Situation;
 use self::choice::Choice;
-use self::hysteresis::CommittedPlan;
 use self::known::{Change, Known};
 use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
+use self::profile::WithProfile;
 use self::traffic::Traffic;
-use self::tube::{Deviation, Driven, OutOfTube, Tube};
-use crate::collision::{CollisionWorld, SafetyMargins, Sweep};
-use crate::lattice::{EdgeCounts, Lattice, LatticeContext, LatticePath, Root, rank};
+use self::tube::{Deviation, Driven, Tube};
+use crate::collision::{SafetyMargins, Sweep};
+use crate::lattice::Lattice;
 use crate::map::{Goal, Map};
-use crate::reference::{Frenet, ReferenceLine};
+use crate::reference::Frenet;
 pub use crate::settings::SettingsError;
-use crate::speed::smoothing::{self, Failure, Smoothed, Smoother};
-use crate::trajectory::{SpeedProfile, Trajectory, TrajectoryPoint};
+use crate::speed::smoothing::{self, Smoother};
+use crate::trajectory::{Trajectory, TrajectoryPoint};
 use crate::vehicle::{ProofLimits, State, Vehicle};
 
 pub use self::lanes::NoLane;
@@ -247,12 +248,14 @@ impl<'m> Planner<'m> {
                 let choice = self.refined(&start, level, choice, &mut record);
                 record.trace.chosen = Some(choice.candidate);
                 let smoothing_begun = Instant::now();
-                let (choice, profile, smoothing) = self.gentlest(&start, level, choice, &mut record);
+                let chosen = self.with_profile(&start, level, choice, &mut record);
                 let trace = &mut record.trace;
                 trace.stage_seconds.smoothing = smoothing_begun.elapsed().as_secs_f64();
-                trace.reference = self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[choice.lane].samples.clone());
-                trace.blocked = choice.proven.blocked.iter().map(|cell| cell.moved(start.lead.length())).collect();
-                self.committed = Some(self.committed_of(&start, level, choice, profile, smoothing));
+                trace.reference =
+                    self.lanes.as_ref().map_or_else(|_| Vec::new(), |l| l[chosen.choice.lane].samples.clone());
+                trace.blocked =
+                    chosen.choice.proven.blocked.iter().map(|cell| cell.moved(start.lead.length())).collect();
+                self.committed = Some(self.committed_of(&start, level, chosen));
                 Decision::NewPlan
             }
             None if start.on_plan && self.has_proof() => Decision::KeepPrevious,
@@ -385,68 +388,6 @@ impl<'m> Planner<'m> {
         None
     }
 
-    /// Lattice paths on a lane, from the start and from the end of the committed edge, including the cost terms that depend
-    /// on the lane and on the committed path. In order of cost.
-    fn lattice_paths(
-        &mut self,
-        start: &Start,
-        lane: usize,
-        level: LevelLimits,
-        counts: &mut EdgeCounts,
-    ) -> Vec<LatticePath> {
-        let speed = start.point.speed;
-        let stopping = speed.max(self.cruise.min(speed + 5.0)).powi(2) / (2.0 * self.vehicle.comfort.deceleration);
-        let horizon = (stopping + 2.0 * speed).clamp(self.settings.min_horizon, self.settings.max_horizon);
-        let world = &self.known.world;
-        let roots = self.roots(start, world, &level.margins);
-        let full_speed_curvature = self.full_speed_curvature(start);
-        let weights = self.settings.lattice.weights;
-        let committed_plan = committed_plan(self.committed.as_ref(), start);
-        let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let context = context(&self.vehicle, &lane.reference, (world, level.margins), full_speed_curvature);
-        // the cost of postponing a lane change that the goal requires rises as time and distance run out
-        let time_left = lane.goal_deadline - start.point.time;
-        let here = lane.reference.project(start.point.pose.position).s;
-        let distance_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
-        let urgency = 1.0
-            + ((URGENT_TIME - time_left) / URGENCY_TIME_STEP).max(0.0)
-            + ((URGENT_DISTANCE - distance_left) / URGENCY_DISTANCE_STEP).max(0.0);
-        let mut all = Vec::new();
-        for root in &roots {
-            let store = &mut lane.edges;
-            let found = self.lattice.search(&context, root, speed, horizon, store);
-            counts.add(&found.counts);
-            for mut path in found.paths {
-                path.terms.lane_change = weights.lane_change * f64::from(lane.lane_changes_to_go) * urgency;
-                if let Some(committed_plan) = &committed_plan {
-                    path.terms.plan_change = weights.plan_change * committed_plan.departure(&path.path);
-                }
-                all.push(path);
-            }
-        }
-        if roots[0].allowance.is_off_road() {
-            all.retain(|path| returns_to_road(world, &path.path, f64::INFINITY, 0.0));
-        }
-        all.sort_by_key(|p| p.terms.rank());
-        all
-    }
-
-    /// The curvature with the comfortable lateral acceleration at the start speed, 1/m.
-    fn full_speed_curvature(&self, start: &Start) -> f64 {
-        let comfortable = self.settings.lateral_share * self.vehicle.comfort.lateral_acceleration;
-        comfortable / (start.point.speed * start.point.speed)
-    }
-
-    fn roots(&self, start: &Start, world: &CollisionWorld, margins: &SafetyMargins) -> Vec<Root> {
-        let p = &start.point;
-        let allowance = allowance_at(world, margins, p, Kept::Nothing);
-        let fresh = Root { pose: p.pose, curvature: p.curvature, kept: Vec::new(), start: p.pose, allowance };
-        let kept = committed_plan(self.committed.as_ref(), start).and_then(|plan| plan.kept());
-        let kept =
-            kept.map(|(end, kept)| Root { pose: end.pose, curvature: end.curvature, kept, start: p.pose, allowance });
-        kept.into_iter().chain([fresh]).collect()
-    }
-
     fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: LevelLimits) -> Situation<'s> {
         Situation {
             vehicle: &self.vehicle,
@@ -474,86 +415,9 @@ impl<'m> Planner<'m> {
         }
     }
 
-    /// The choice with its final speed profile. A choice of an emergency level brakes and turns no harder than it must: the severity of
-    /// its limits is found by bisection, on the same path.
-    fn gentlest(
-        &self,
-        start: &Start,
-        level: LevelLimits,
-        choice: Choice,
-        record: &mut CycleRecord,
-    ) -> (Choice, SpeedProfile, Smoothing) {
-        let mut best = self.smoothed(start, level, choice, record);
-        let (mut too_low, mut severity) = (0.0, 1.0);
-        while level.is_emergency() && severity - too_low > SEVERITY_STEP {
-            let less = f64::midpoint(too_low, severity);
-            let gentle = level.with_severity(less, &self.vehicle.comfort);
-            let found = self.evaluated_again(start, &gentle, &best.0, record);
-            let found = found.and_then(|choice| self.accepted(start, &gentle, None, choice).ok());
-            let found = found.map(|choice| self.smoothed(start, gentle, choice, record));
-            match found {
-                Some((choice, profile, smoothing)) => {
-                    severity = less;
-                    best = (Choice { deceleration: gentle.deceleration, ..choice }, profile, smoothing);
-                }
-                None => too_low = less,
-            }
-        }
-        best
-    }
-
-    /// The choice with its final speed profile: the jerk-limited one if it passes reverification and its tube is free, else the raw
-    /// one. Where the tube of the jerk-limited profile is not free, both are tried once more with the margins that it needs.
-    fn smoothed(
-        &self,
-        start: &Start,
-        level: LevelLimits,
-        choice: Choice,
-        record: &mut CycleRecord,
-    ) -> (Choice, SpeedProfile, Smoothing) {
-        let margins = match self.jerk_limited(start, &level, &choice) {
-            Ok((profile, smoothing, tube)) => return (Choice { tube, ..choice }, profile, smoothing),
-            Err((_, Some(margins))) => margins,
-            Err((why, None)) => return unsmoothed(choice, why),
-        };
-        let wide = LevelLimits { margins, ..level };
-        let again = self.evaluated_again(start, &wide, &choice, record).and_then(|choice| {
-            let choice = self.accepted(start, &wide, None, choice).ok()?;
-            let (profile, smoothing, tube) = self.jerk_limited(start, &wide, &choice).ok()?;
-            Some((Choice { tube, ..choice }, profile, smoothing))
-        });
-        again.unwrap_or_else(|| unsmoothed(choice, Failure::OutOfTube))
-    }
-
-    /// The jerk-limited profile of a choice with its tube; else why there is none, with the margins that the tube needs if it is not
-    /// free.
-    fn jerk_limited(
-        &self,
-        start: &Start,
-        level: &LevelLimits,
-        choice: &Choice,
-    ) -> Result<(SpeedProfile, Smoothing, Tube), (Failure, Option<SafetyMargins>)> {
-        let Proven { problem, target, raw_profile, .. } = &*choice.proven;
-        let acceleration = start.point.acceleration;
-        let smoothed = self.smoother.smooth_and_prove(&problem.0, &target.speeds, raw_profile, acceleration);
-        let Smoothed { profile, is_firm } = smoothed.map_err(|why| (why, None))?;
-        let smoothing = if is_firm { Smoothing::Firm } else { Smoothing::Comfortable };
-        match self.tube_of(start, level, &choice.path, &profile) {
-            Ok(tube) => Ok((profile, smoothing, tube)),
-            Err(OutOfTube::NotDrivable) => Err((Failure::OutOfTube, None)),
-            Err(OutOfTube::Blocked(margins)) => Err((Failure::OutOfTube, Some(margins))),
-        }
-    }
-
     /// The choice on a level with its final speed profile, as the committed plan.
-    fn committed_of(
-        &self,
-        start: &Start,
-        level: LevelLimits,
-        choice: Choice,
-        profile: SpeedProfile,
-        smoothing: Smoothing,
-    ) -> Committed {
+    fn committed_of(&self, start: &Start, level: LevelLimits, chosen: WithProfile) -> Committed {
+        let WithProfile { choice, profile, smoothing } = chosen;
         let stops_for = cause::stops_for(&profile, choice.proven.stop, &choice.proven.blocked);
         let limited_by = self.lanes.as_ref().ok().and_then(|lanes| {
             let situation = self.situation(start, lanes.get(choice.lane)?, level);
@@ -590,85 +454,16 @@ impl<'m> Planner<'m> {
         let goals = self.goals.as_deref().unwrap_or_default();
         goals.iter().map(|g| g.time.max).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
-
-    /// Whether the choice replaces the committed plan.
-    fn is_worth_taking(&self, start: &Start, level: LevelLimits, choice: &Choice, record: &mut CycleRecord) -> bool {
-        let soon = choice.proven.raw_profile.last().station.min(choice.proven.progress);
-        let proven = self.committed.as_ref().filter(|c| c.level.is_proven());
-        let worth = committed_plan(proven, start).is_none_or(|plan| {
-            plan.is_worth_leaving(soon)
-                && (!plan.is_different_path(&choice.path.path)
-                    || self
-                        .staying(start, level, choice, &plan)
-                        .is_none_or(|staying| rank(choice.cost) < rank(staying)))
-        });
-        if !worth {
-            record.reject(choice.candidate, Rejection::BelowSwitchingThreshold);
-        }
-        worth
-    }
-
-    /// Cost of keeping the committed plan: the cost of its path when it was chosen, the progress shortfall since then, and
-    /// its travel time from here. `None` if its proof brakes harder or is weaker than that of the choice.
-    fn staying(&self, start: &Start, level: LevelLimits, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
-        let is_as_safe = |c: &&Committed| {
-            c.level.is_as_safe_as(level.level) && c.deceleration <= choice.deceleration && c.robust >= level.robust
-        };
-        let committed = self.committed.as_ref().filter(is_as_safe)?;
-        let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
-        let weights = &self.settings.lattice.weights;
-        let behind =
-            self.situation(start, lane, level).free_progress() - plan.progress(start.point.time + TRAVEL_TIME_HORIZON);
-        Some(
-            committed.path_cost
-                + weights.progress_shortfall * plan.driven_distance()
-                + weights.travel_time * behind.max(0.0),
-        )
-    }
 }
 
-/// Accuracy of the severity of emergency plans, 0…1: of braking at 8 m/s², 0.2 m/s², below what a passenger notices.
-const SEVERITY_STEP: f64 = 0.04;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
-/// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
-const CURVATURE_SHARE: f64 = 0.95;
-/// Time to the deadline of the goal below which the cost of lane changes rises, s.
-const URGENT_TIME: f64 = 8.0;
-/// Time per rise of the cost of a lane change by its base value, s.
-const URGENCY_TIME_STEP: f64 = 2.0;
-/// Distance to the last station of the goal below which the cost of lane changes rises, m.
-const URGENT_DISTANCE: f64 = 80.0;
-/// Distance per rise of the cost of a lane change by its base value, m.
-const URGENCY_DISTANCE_STEP: f64 = 20.0;
 /// A run with more remaining time than this can reach the end of a road that ends ahead, s.
 const LONG_RUN: f64 = 10.0;
 /// Speeds below this count as standstill, m/s: an edge at such a speed would take minutes.
 const STANDSTILL_SPEED: f64 = 0.02;
 /// Largest lateral distance from the reference line of a lane at which the vehicle is on that lane, m.
 const ON_LANE: f64 = 0.8;
-
-/// The choice with its raw profile, and why.
-fn unsmoothed(choice: Choice, why: Failure) -> (Choice, SpeedProfile, Smoothing) {
-    let profile = choice.proven.raw_profile.clone();
-    (choice, profile, Smoothing::Unsmoothed(why))
-}
-
-/// The lattice context of a lane.
-fn context<'a>(
-    vehicle: &Vehicle,
-    reference: &'a ReferenceLine,
-    (world, margins): (&'a CollisionWorld, SafetyMargins),
-    full_speed_curvature: f64,
-) -> LatticeContext<'a> {
-    let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
-    LatticeContext { reference, world, margins, max_curvature, full_speed_curvature, half_width }
-}
-
-/// The committed plan, if planning starts on it.
-fn committed_plan<'c>(committed: Option<&'c Committed>, start: &Start) -> Option<CommittedPlan<'c>> {
-    committed.filter(|_| start.on_plan).map(|c| CommittedPlan::new(&c.trajectory, c.lead, &start.point))
-}
 
 /// The trace of a cycle while it runs.
 #[derive(Default)]

@@ -12,9 +12,11 @@ use std::time::Instant;
 use super::allowance::{Kept, allowance_at};
 use super::candidate::{Evaluation, Proven, delay};
 use super::choice::Choice;
+use super::hysteresis::committed_plan;
 use super::level::LevelLimits;
+use super::paths::context;
 use super::tube::Tube;
-use super::{CycleRecord, Planner, Start, committed_plan, context};
+use super::{CycleRecord, Planner, Start};
 use crate::lattice::refine::{Commitment, refined};
 use crate::lattice::{LatticePath, OFFSET_SATURATES, rank};
 

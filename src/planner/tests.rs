@@ -1,5 +1,6 @@
 //! Starts off the road, and what emergency levels may use.
 
+use super::allowance::returns_to_road;
 use super::*;
 use crate::collision::CollisionSettings;
 use crate::fixtures::{collision_world, road, scenario, vehicle};

@@ -105,6 +105,16 @@ pub(super) enum OutOfTube {
     Blocked(SafetyMargins),
 }
 
+impl OutOfTube {
+    /// The margins with which it can be tried again.
+    pub(super) fn margins(self) -> Option<SafetyMargins> {
+        match self {
+            Self::NotDrivable => None,
+            Self::Blocked(margins) => Some(margins),
+        }
+    }
+}
+
 /// The use of the grip within the last [`SETTLES_AFTER`] seconds, on plans that continue each other.
 #[derive(Debug, Default)]
 pub(super) struct Driven(Vec<(f64, GripUse)>);

@@ -14,6 +14,7 @@
 
 use super::allowance::Kept;
 use super::level::{Level, LevelLimits, NO_MARGINS, fine_until};
+use super::profile::WithProfile;
 use super::record::ExpectedContact;
 use super::tube::Tube;
 use super::{Committed, CycleRecord, Planner, Smoothing, Start};
@@ -59,7 +60,8 @@ impl Planner<'_> {
         if let Some((level, choice)) = self.choose(start, &levels, record) {
             record.trace.chosen = Some(choice.candidate);
             let profile = choice.proven.raw_profile.clone();
-            let committed = self.committed_of(start, level, choice, profile, Smoothing::EmergencyStop);
+            let committed =
+                self.committed_of(start, level, WithProfile { choice, profile, smoothing: Smoothing::EmergencyStop });
             return (committed, start.lead_contact);
         }
         if let Some(evading) = self.still_evading(start) {
