@@ -60,8 +60,7 @@ impl Path {
         let station = station.clamp(0.0, self.length);
         let i = self.pieces.partition_point(|p| p.station <= station).max(1) - 1;
         let (piece, spiral) = (&self.pieces[i], &self.pieces[i].spiral);
-        let s = (station - piece.station).min(spiral.length);
-        (spiral.curvature(s), spiral.curvature_rate(s))
+        spiral.curvature_and_rate((station - piece.station).min(spiral.length))
     }
 
     /// Equally spaced points with their stations (m), at most `spacing` (m) apart, including both ends.

@@ -89,6 +89,9 @@ pub(super) struct TargetLimits {
     pub(super) speeds: Vec<f64>,
 }
 
+/// Curvature (1/m) and its derivative by arc length (1/m²) at the [`PLACES`] of a cell.
+type Bends = [(f64, f64); PLACES.len()];
+
 /// What search and proof of a path have in common.
 struct PathCells {
     /// Stations of the nodes, m.
@@ -97,6 +100,8 @@ struct PathCells {
     blocked: Vec<Vec<TimeInterval>>,
     blocked_at_start: Vec<TimeInterval>,
     along: Along,
+    /// Those of the cells.
+    bends: Vec<Bends>,
     stop: Option<(f64, Cause)>,
     /// The blocked cells with their obstacles.
     by_obstacle: Vec<BlockedCell>,
@@ -127,7 +132,7 @@ impl Situation<'_> {
         };
         let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
         let blocked_by = path.blocked_by.map(Cause::from).or(first.map(|cell| Cause::Obstacle(cell.obstacle)));
-        let ForSearch(sought) = self.for_search(path, &cells);
+        let ForSearch(sought) = self.for_search(&cells);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         let Ok(outcome) = search(&sought, Strategy::SafeTlp, &resolution) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by };
@@ -148,7 +153,7 @@ impl Situation<'_> {
                 }
                 let progress = smoothing::raw_profile(&sought, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&sought, LONG_WAIT);
-                let problem = self.for_proof(path, &cells);
+                let problem = self.for_proof(&cells);
                 let PathCells { stations, along, stop, by_obstacle: blocked, .. } = cells;
                 let Some((raw_profile, progress)) = smoothing::raw_profile(&problem.0, &plan).zip(progress) else {
                     return rejected(Rejection::NoProfile);
@@ -289,21 +294,21 @@ impl Situation<'_> {
             blocked_at_start: if grid.cells() > 0 { intervals(0) } else { Vec::new() },
             by_obstacle: by_obstacle.collect(),
             stop: stops_for.map(|cause| (end, cause)),
+            bends: stations.windows(2).map(|cell| bends_of(path, cell)).collect(),
             stations,
             along,
         })
     }
 
-    fn for_search(&self, path: &LatticePath, cells: &PathCells) -> ForSearch {
-        let speed_limits = self.speed_limits(path, &cells.along, &cells.stations, cells.stop.is_some());
+    fn for_search(&self, cells: &PathCells) -> ForSearch {
+        let speed_limits = self.speed_limits(cells);
         let deceleration = (self.search_share * self.proof_deceleration).max(self.braking);
         let blocked = cells.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
         ForSearch(self.problem(cells, speed_limits, blocked, deceleration))
     }
 
-    fn for_proof(&self, path: &LatticePath, cells: &PathCells) -> ForProof {
-        let speed_limits =
-            self.hard_limits(path, &cells.along, &cells.stations, self.lateral_limit, PROOF_STEERING_SHARE);
+    fn for_proof(&self, cells: &PathCells) -> ForProof {
+        let speed_limits = self.hard_limits(cells, self.lateral_limit, PROOF_STEERING_SHARE);
         ForProof(self.problem(cells, speed_limits, cells.blocked.clone(), self.proof_deceleration))
     }
 
@@ -355,24 +360,13 @@ impl Situation<'_> {
     }
 
     /// Speed limits by vehicle and rules, for a lateral acceleration and a fraction of the steering rate, m/s.
-    fn hard_limits(
-        &self,
-        path: &LatticePath,
-        along: &Along,
-        stations: &[f64],
-        lateral: f64,
-        steering_share: f64,
-    ) -> Vec<f64> {
+    fn hard_limits(&self, cells: &PathCells, lateral: f64, steering_share: f64) -> Vec<f64> {
         let curve = self.curve_limits(lateral, steering_share);
-        let bend = |station: f64| {
-            let (curvature, rate) = path.path.curvature_and_rate_at(station);
-            curve.at_curvature(curvature, rate)
-        };
-        let rules = |s: f64| self.rule_at(along.reference_at(s)).min(self.cruise);
-        let mut limits: Vec<f64> = stations.iter().map(|s| rules(*s)).collect();
+        let rules = |s: f64| self.rule_at(cells.along.reference_at(s)).min(self.cruise);
+        let mut limits: Vec<f64> = cells.stations.iter().map(|s| rules(*s)).collect();
         // a bend inside a cell limits both of its nodes
-        for (i, cell) in stations.windows(2).enumerate() {
-            let [begins, inside @ .., ends] = PLACES.map(|share| bend(cell[0] + share * (cell[1] - cell[0])));
+        for (i, bends) in cells.bends.iter().enumerate() {
+            let [begins, inside @ .., ends] = bends.map(|(curvature, rate)| curve.at_curvature(curvature, rate));
             let inside = inside.into_iter().fold(f64::INFINITY, f64::min);
             limits[i] = limits[i].min(begins).min(inside);
             limits[i + 1] = limits[i + 1].min(ends).min(inside);
@@ -391,13 +385,14 @@ impl Situation<'_> {
 
     /// Speed limits at the stations, m/s: the minimum of curvature and steering with a reserve, rules, the time window of the
     /// goal, and the planned stop at the last one.
-    fn speed_limits(&self, path: &LatticePath, along: &Along, stations: &[f64], stops: bool) -> Vec<f64> {
+    fn speed_limits(&self, cells: &PathCells) -> Vec<f64> {
+        let PathCells { stations, along, .. } = cells;
         let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
-        let mut speed_limits = self.hard_limits(path, along, stations, lateral, STEERING_SHARE);
+        let mut speed_limits = self.hard_limits(cells, lateral, STEERING_SHARE);
         for (cap, s) in speed_limits.iter_mut().zip(stations) {
             *cap = cap.min(self.goal_limit(along.reference_at(*s)));
         }
-        if stops {
+        if cells.stop.is_some() {
             let distance = stations[stations.len() - 1];
             let required = self.speed * self.speed / (2.0 * distance.max(MIN_CELL));
             let deceleration = self.comfortable_deceleration().max(required * 1.02).min(self.proof_deceleration);
@@ -466,6 +461,11 @@ const STEERING_SHARE: f64 = 0.8;
 const PLACES: [f64; 5] = [0.01, 0.25, 0.5, 0.75, 0.99];
 /// Fraction of it that proofs permit: with their tolerance of speeds it is all of it.
 const PROOF_STEERING_SHARE: f64 = 0.95;
+
+/// The bends of a path in a cell between two stations, m.
+fn bends_of(path: &LatticePath, cell: &[f64]) -> Bends {
+    PLACES.map(|share| path.path.curvature_and_rate_at(cell[0] + share * (cell[1] - cell[0])))
+}
 
 /// The intervals extended by `gap` on both sides (not before `now`) and merged where they overlap.
 fn widened(intervals: &[TimeInterval], gap: f64, now: f64) -> Vec<TimeInterval> {

@@ -115,6 +115,13 @@ impl<const K: usize> Spiral<K> {
         self.curvature_polynomial().derivative(s / self.length) / self.length
     }
 
+    /// [`Self::curvature`] and [`Self::curvature_rate`].
+    #[must_use]
+    pub fn curvature_and_rate(&self, s: f64) -> (f64, f64) {
+        let (curvature, u) = (self.curvature_polynomial(), s / self.length);
+        (curvature.value(u), curvature.derivative(u) / self.length)
+    }
+
     /// Change of heading from the start to arc length `s`, rad: exact, not wrapped.
     #[must_use]
     pub fn heading_change(&self, s: f64) -> f64 {

@@ -108,8 +108,16 @@ fn a_bend_inside_a_cell_limits_both_of_its_nodes_and_one_at_its_end_only_that_no
         ] {
             let spirals = [CubicSpiral::straight(from), arc(to - from), CubicSpiral::straight(45.0 - to)];
             let path = place.path(Pose::new(5.0, 0.0, 0.0), &spirals);
-            let along = Along::new(&path.path, &place.reference, 5.0);
-            let limits = situation.hard_limits(&path, &along, &stations, LATERAL, 1.0);
+            let cells = PathCells {
+                blocked: vec![Vec::new(); stations.len() - 1],
+                blocked_at_start: Vec::new(),
+                along: Along::new(&path.path, &place.reference, 5.0),
+                bends: stations.windows(2).map(|cell| bends_of(&path, cell)).collect(),
+                stop: None,
+                by_obstacle: Vec::new(),
+                stations: stations.clone(),
+            };
+            let limits = situation.hard_limits(&cells, LATERAL, 1.0);
             for (station, limit) in stations.iter().zip(&limits) {
                 let expected = if limited.contains(station) { slow } else { CRUISE };
                 assert!((limit - expected).abs() < 1e-9, "{turn}, {from} to {to} m: {limit} m/s at {station} m");
@@ -162,7 +170,8 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     // a zone without stopping
     let zone = [(beside(30.0), beside(40.0))];
     let situation = place.situation(begins, None, &zone);
-    let ForSearch(problem) = situation.for_search(&path, &situation.cells(&path).unwrap());
+    let cells = situation.cells(&path).unwrap();
+    let ForSearch(problem) = situation.for_search(&cells);
     let nodes = || problem.stations.iter().map(|s| y(*s)).zip(&problem.stopping_allowed);
     assert!(
         nodes().all(|(y, may)| *may || (30.0 - SLACK..=40.0 + SLACK).contains(&y)),
@@ -177,8 +186,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     assert!(nodes().any(|(_, may)| !*may));
 
     // the speed limit of the lanelet after the bend
-    let along = Along::new(&path.path, &place.reference, begins);
-    let limits = situation.hard_limits(&path, &along, &problem.stations, LATERAL, 1.0);
+    let limits = situation.hard_limits(&cells, LATERAL, 1.0);
     for (station, limit) in problem.stations.iter().zip(&limits) {
         if y(*station) > 20.0 + SLACK {
             assert!((limit - 4.0).abs() < 1e-9, "{limit} m/s at y = {}", y(*station));
