@@ -370,6 +370,30 @@ mod tests {
         assert!(proven > 60 && emergencies > 0, "{proven} {emergencies}");
     }
 
+    /// Zero is comfort, one the level itself, and everything grows between them. No level becomes harder than it is.
+    #[test]
+    fn an_emergency_is_as_severe_as_asked_for() {
+        on_every_surface(|planner, vehicle, friction| {
+            let comfort = &planner.vehicle.comfort;
+            for level in planner.levels(3.0).into_iter().filter(LevelLimits::is_emergency) {
+                let case = format!("{} {friction} {}", vehicle.name, level.level);
+                let at = |severity: f64| {
+                    let LevelLimits { deceleration, lateral_limit, braking, .. } =
+                        level.with_severity(severity, comfort);
+                    assert!((braking / deceleration - level.braking / level.deceleration).abs() < 1e-12, "{case}");
+                    [deceleration, lateral_limit]
+                };
+                let hard = [level.deceleration, level.lateral_limit];
+                let gentle = [comfort.aggressive_deceleration, LATERAL_HEADROOM * comfort.lateral_acceleration];
+                for i in 0..2 {
+                    assert!((at(0.0)[i] - gentle[i].min(hard[i])).abs() < 1e-12, "{case}");
+                    assert!((at(1.0)[i] - hard[i]).abs() < 1e-12, "{case}");
+                    assert!((at(0.5)[i] - 0.5 * (at(0.0)[i] + hard[i])).abs() < 1e-12, "{case}");
+                }
+            }
+        });
+    }
+
     #[test]
     fn levels_with_margins_are_equally_safe_and_the_others_ordered() {
         use Level::{Comfort, Emergency, NoMargin, ShortGap, StopInJunction, Unproven};

@@ -13,7 +13,7 @@
 //! - it brakes no harder than its plan claims (filtered as for comfort, with [`Settings::comfort_margin`]). Braking that the
 //!   plan before or the vehicle imposes at the start is allowed for [`HANDOVER`](super::imposed::HANDOVER); then it has to
 //!   decrease by [`RELEASE`](super::imposed::RELEASE) or faster,
-//! - it stays on the road, or moves no farther off the road than it was at the start.
+//! - it leaves the road by at most the tolerance more than at the start.
 //!
 //! The claimed deceleration comes from the planner's record, because the claim is what is tested. Everything else comes from
 //! the simulation, the scenario and the trajectory.
@@ -511,6 +511,16 @@ mod tests {
         assert_eq!(kind(&s), None);
         s.displace(|m| (0.0, super::super::testing::bump(m.time, 0.5, 2.0, 1.0)));
         assert_eq!(kind(&s), Some(Kind::Road));
+    }
+
+    #[test]
+    fn the_tolerance_of_the_road_is_for_what_is_added_to_a_start_off_it() {
+        let farther = |added: f64| {
+            let mut s = Story::clean();
+            s.displace(|m| (0.0, 1.5 + super::super::testing::bump(m.time, 2.0, 2.0, added)));
+            kind(&s)
+        };
+        assert_eq!((farther(0.0), farther(0.045), farther(0.055)), (None, None, Some(Kind::Road)));
     }
 
     #[test]
