@@ -159,7 +159,8 @@ impl Planner<'_> {
     }
 
     /// The level with limits inside the domain of the tracking tube from a start speed (m/s) on. The tube knows hard braking up to
-    /// a lower speed than gentle braking: a plan that begins below it stays below it, one that begins above it brakes gently.
+    /// a lower speed than gentle braking: a plan that begins below it stays below it, one that begins above it brakes the more
+    /// gently the faster it begins.
     pub(super) fn in_domain(&self, speed: f64, level: LevelLimits) -> LevelLimits {
         let share = DOMAIN_SHARE * self.described.tracking.straight_use(speed);
         let deceleration = level.deceleration.min(share * self.limits.lateral_beside(0.0));
@@ -191,11 +192,10 @@ impl Planner<'_> {
     fn top_speed(&self, deceleration: f64) -> f64 {
         let tube = &self.described.tracking;
         let braking = (deceleration / self.limits.lateral_beside(0.0)).min(1.0);
-        let is_inside = |speed: &f64| {
-            let total = braking.max(self.straight_use(*speed, 0.0));
-            tube.contains(*speed, &GripUse { total, turning: 0.0, curvature: 0.0 })
-        };
-        DOMAIN_SHARE * tube.speed.into_iter().find(is_inside).unwrap_or(tube.speed[2])
+        let largest = |total: f64| tube.largest_speed(&GripUse { total, turning: 0.0, curvature: 0.0 });
+        // overcoming the resistance takes less at lower speeds
+        let driving = self.straight_use(largest(braking), 0.0);
+        DOMAIN_SHARE * largest(braking.max(driving))
     }
 
     /// The tube of comfortable driving and of a stop with the aggressive deceleration.
