@@ -166,7 +166,8 @@ impl Planner<'_> {
     }
 
     /// The level with limits inside the domain of the tracking tube from a start speed (m/s) on. The tube knows hard braking up to
-    /// a lower speed than gentle braking: a plan that begins below it stays below it, one that begins above it brakes gently.
+    /// a lower speed than gentle braking: a plan that begins below it stays below it, one that begins above it brakes the more
+    /// gently the faster it begins.
     pub(super) fn in_domain(&self, speed: f64, level: LevelLimits) -> LevelLimits {
         let share = DOMAIN_SHARE * self.described.tracking.straight_use(speed);
         let deceleration = level.deceleration.min(share * self.limits.lateral_beside(0.0));

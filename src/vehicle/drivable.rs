@@ -511,7 +511,7 @@ mod tests {
             // harder braking at this speed, or as hard in a turn, may spin the vehicle
             for (braking, path) in [(6.0, &line[..]), (4.2, &lanes)] {
                 let left = v.drivable(1.0, &trajectory(speed, &stop(braking), path)).unwrap_err();
-                assert!(left.what == DrivingLimit::Speed && left.limit == v.tracking.speed[1], "{name}: {left}");
+                assert!(left.what == DrivingLimit::Speed && left.limit < speed, "{name}: {left}");
             }
         }
     }

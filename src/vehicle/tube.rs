@@ -31,9 +31,9 @@ use super::{Actuators, CONTROL_SHARE, GRAVITY, Limits, Tyres, Vehicle};
 /// Bounds of the tracking errors: each at no use of the grip, and its growth up to full use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackingTube {
-    /// Largest speeds for which the bounds hold, m/s: with up to [`Self::GENTLE_USE`] of the grip, with up to
-    /// [`Self::MODERATE_USE`], and with all of it. Straight driving is bounded by the first one with up to
-    /// [`Self::STRAIGHT_BRAKING`], by the second one with all.
+    /// Largest speeds for which the bounds hold, m/s: with up to [`Self::GENTLE_USE`] of the grip (straight driving: up to
+    /// [`Self::STRAIGHT_BRAKING`]), with [`Self::MODERATE_USE`], and with more (straight driving: the second one).
+    /// Between gentle and moderate use, the largest speed falls linearly ([`Self::largest_speed`]).
     pub speed: [f64; 3],
     /// Lateral error of the rear axle's centre, m.
     pub lateral: [f64; 2],
@@ -101,32 +101,32 @@ impl TrackingTube {
         used.total <= 1.0 && speed <= self.largest_speed(used)
     }
 
-    /// The largest speed for which the bounds hold with this use of the grip, m/s: linear between the measured corners.
+    /// The largest speed for which the bounds hold with this use of the grip, m/s: from gentle to [`Self::MODERATE_USE`] a line
+    /// from the first to the second [`Self::speed`], with more the third one. Straight driving: the first one up to
+    /// [`Self::STRAIGHT_BRAKING`], then the same line, then the second one.
     #[must_use]
     pub fn largest_speed(&self, used: &GripUse) -> f64 {
-        if used.turning <= Self::STRAIGHT_USE {
-            between(&self.straight(), used.total)
-        } else {
-            between(&self.turning(), used.total)
+        let [gentle, moderate, full] = self.speed;
+        let is_straight = used.turning <= Self::STRAIGHT_USE;
+        if used.total > Self::MODERATE_USE {
+            return if is_straight { moderate } else { full };
         }
+        if is_straight && used.total <= Self::STRAIGHT_BRAKING {
+            return gentle;
+        }
+        let above = (used.total - Self::GENTLE_USE).max(0.0) / (Self::MODERATE_USE - Self::GENTLE_USE);
+        gentle + above * (moderate - gentle)
     }
 
     /// The largest use of the grip with which straight driving at a speed (m/s) is in the domain, if any is.
     #[must_use]
     pub fn straight_use(&self, speed: f64) -> f64 {
-        between(&self.straight().map(|(used, speed)| (speed, used)), speed)
-    }
-
-    /// The corners of the domain: use of the grip and largest speed (m/s).
-    fn turning(&self) -> [(f64, f64); 3] {
-        let [gentle, moderate, full] = self.speed;
-        [(Self::GENTLE_USE, gentle), (Self::MODERATE_USE, moderate), (1.0, full)]
-    }
-
-    /// The corners of the domain of straight driving.
-    fn straight(&self) -> [(f64, f64); 2] {
         let [gentle, moderate, _] = self.speed;
-        [(Self::STRAIGHT_BRAKING, gentle), (1.0, moderate)]
+        if speed <= moderate {
+            return 1.0;
+        }
+        let above = ((speed - moderate) / (gentle - moderate)).min(1.0);
+        (Self::MODERATE_USE - above * (Self::MODERATE_USE - Self::GENTLE_USE)).max(Self::STRAIGHT_BRAKING)
     }
 
     /// The bounds for a trajectory that uses the grip at most that much.
@@ -142,10 +142,10 @@ impl TrackingTube {
 
     /// Bounds for a vehicle that was not measured, wider than those of each built-in vehicle: the distance μ g τ² with the
     /// slowest lag τ, and three times the slip angle μ/c at which the softer axle's linear force would be the full grip. The
-    /// speeds are up to 80 % of the top speed, twelve wheelbases per second with gentle and seven with moderate use of the
-    /// grip; 60 % of the latter with full use.
+    /// speeds are up to 80 % of the top speed, twelve wheelbases per second with gentle and four and a half with moderate
+    /// use of the grip; 60 % of the latter with full use.
     pub(super) fn estimated(tyres: &Tyres, actuators: &Actuators, limits: &Limits, wheelbase: f64) -> Self {
-        let [gentle, moderate] = [12.0, 7.0].map(|per_second: f64| (0.8 * limits.speed).min(per_second * wheelbase));
+        let [gentle, moderate] = [12.0, 4.5].map(|per_second: f64| (0.8 * limits.speed).min(per_second * wheelbase));
         let lag = lateral_lag(tyres, actuators, gentle).max(actuators.brake_lag).max(actuators.drive_lag);
         let distance = tyres.friction * GRAVITY * lag * lag;
         let slip = tyres.friction / tyres.cornering_front.min(tyres.cornering_rear);
@@ -153,18 +153,9 @@ impl TrackingTube {
             speed: [gentle, moderate, 0.6 * moderate],
             lateral: [0.1, distance.max(0.3)],
             longitudinal: [0.1, distance.max(0.4)],
-            heading: [0.1, 3.0 * slip],
+            heading: [0.12, 3.0 * slip],
         }
     }
-}
-
-/// The value at x of the line through the corners (x, y), which are in the order of rising or falling x; constant beyond them.
-fn between(corners: &[(f64, f64)], x: f64) -> f64 {
-    let share = |a: f64, b: f64| if a == b { 1.0 } else { ((x - a) / (b - a)).clamp(0.0, 1.0) };
-    corners.windows(2).fold(corners[0].1, |y, pair| {
-        let [(a, _), (b, next)] = [pair[0], pair[1]];
-        y + share(a, b) * (next - pair[0].1)
-    })
 }
 
 /// See [`Vehicle::lateral_lag`].
@@ -368,60 +359,109 @@ mod tests {
 
     #[test]
     fn bounds_grow_with_the_use() {
-        let tube = TrackingTube {
-            speed: [40.0, 30.0, 20.0],
-            lateral: [0.1, 0.8],
-            longitudinal: [0.2, 0.4],
-            heading: [0.0, 0.08],
-        };
         for (total, turning, curvature, expected) in
             [(0.5, 0.25, 0.0, [0.2, 0.3, 0.01]), (0.5, 0.25, 0.1, [0.2, 0.3, 0.03]), (1.0, 0.0, 0.0, [0.1, 0.6, 0.0])]
         {
-            let TrackingError { lateral, longitudinal, heading } = tube.at(&GripUse { total, turning, curvature });
+            let TrackingError { lateral, longitudinal, heading } = MEASURED.at(&GripUse { total, turning, curvature });
             for (found, expected) in [lateral, longitudinal, heading].into_iter().zip(expected) {
                 assert!((found - expected).abs() < 1e-12, "{total} {turning}: {found} {expected}");
             }
         }
     }
 
+    const MEASURED: TrackingTube =
+        TrackingTube { speed: [40.0, 30.0, 20.0], lateral: [0.1, 0.8], longitudinal: [0.2, 0.4], heading: [0.0, 0.08] };
+
+    #[test]
+    fn the_largest_speeds_are_the_measured_ones_and_fall_linearly_up_to_moderate_use() {
+        for (total, turning, expected) in [
+            (0.0, 0.0, 40.0),
+            (0.3, 0.3, 40.0),
+            (0.4, 0.3, 37.5),
+            (0.5, 0.3, 35.0),
+            (0.6, 0.06, 32.5),
+            (0.7, 0.7, 30.0),
+            (0.701, 0.06, 20.0),
+            (1.0, 1.0, 20.0),
+            (0.5, 0.05, 40.0),
+            (0.501, 0.05, 34.975),
+            (0.6, 0.0, 32.5),
+            (0.65, 0.05, 31.25),
+            (0.7, 0.05, 30.0),
+            (0.701, 0.05, 30.0),
+            (1.0, 0.0, 30.0),
+        ] {
+            let found = MEASURED.largest_speed(&GripUse { total, turning, curvature: 0.0 });
+            assert!((found - expected).abs() < 1e-9, "{total} {turning}: {found}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn the_largest_speed_never_rises_with_the_use_and_jumps_only_at_its_corners() {
+        let flat = |speed| TrackingTube { speed, ..MEASURED };
+        let builtin = builtin_names().iter().map(|name| load(name).unwrap().tracking);
+        for tube in builtin.chain([MEASURED, flat([5.0; 3]), flat([30.0, 30.0, 20.0]), flat([30.0, 20.0, 20.0])]) {
+            let largest = |total: f64, turning: f64| tube.largest_speed(&GripUse { total, turning, curvature: 0.0 });
+            let [gentle, moderate, _] = tube.speed;
+            for i in 0..1000 {
+                let (total, step) = (f64::from(i) * 1e-3, 1e-3);
+                let (straight, turning) = (largest(total, 0.0), largest(total, 0.06));
+                assert!(turning <= straight && straight <= gentle, "{tube:?} {total}");
+                let fall = straight - largest(total + step, 0.0);
+                let steepest = 1.001 * step * (gentle - moderate) / 0.4 + 1e-9;
+                let near = |corner: f64| (total - corner).abs() < 1.5 * step;
+                assert!(fall >= -1e-12 && (fall <= steepest || near(0.5)), "{tube:?} {total}: {fall}");
+                let fall = turning - largest(total + step, 0.06);
+                assert!(fall >= -1e-12 && (fall <= steepest || near(0.7)), "{tube:?} {total}: {fall}");
+            }
+        }
+    }
+
     #[test]
     fn straight_driving_with_the_largest_use_is_just_inside_the_domain() {
+        for (speed, expected) in [(0.0, 1.0), (30.0, 1.0), (30.01, 0.6996), (32.5, 0.6), (35.0, 0.5), (40.0, 0.5)] {
+            let found = MEASURED.straight_use(speed);
+            assert!((found - expected).abs() < 1e-9, "{speed}: {found}, not {expected}");
+        }
+        let flat = TrackingTube { speed: [5.0; 3], ..MEASURED };
+        assert!((flat.straight_use(5.0) - 1.0).abs() < 1e-12 && (flat.straight_use(5.1) - 0.5).abs() < 1e-12);
         for name in builtin_names() {
             let tube = load(name).unwrap().tracking;
-            for speed in [0.5 * tube.speed[2], tube.speed[1], 1.01 * tube.speed[1], tube.speed[0]] {
+            let [gentle, moderate, full] = tube.speed;
+            let between = |share: f64| moderate + share * (gentle - moderate);
+            for speed in [0.5 * full, moderate, between(0.01), between(0.3), between(0.5), between(0.9), gentle] {
                 let straight = |total| GripUse { total, turning: 0.0, curvature: 0.0 };
                 let most = tube.straight_use(speed);
-                assert!(tube.contains(speed, &straight(most)), "{name} {speed}");
-                assert!(!tube.contains(speed, &straight(most + 0.01)) || speed > tube.speed[0], "{name} {speed}");
+                assert!(tube.contains(speed, &straight(most - 1e-9)), "{name} {speed}");
+                assert!(!tube.contains(speed, &straight(most + 1e-9)), "{name} {speed}");
+                if speed > moderate && most > TrackingTube::STRAIGHT_BRAKING {
+                    assert!((tube.largest_speed(&straight(most)) - speed).abs() < 1e-9, "{name} {speed}");
+                }
             }
         }
     }
 
     #[test]
     fn the_domain_ends_earlier_for_hard_braking_in_turns() {
-        let tube = TrackingTube {
-            speed: [40.0, 30.0, 20.0],
-            lateral: [0.1, 0.8],
-            longitudinal: [0.2, 0.4],
-            heading: [0.0, 0.08],
-        };
         for (speed, total, turning, inside) in [
             (39.0, 0.3, 0.3, true),
             (41.0, 0.3, 0.3, false),
-            (31.0, 0.31, 0.3, false),
+            (39.0, 0.31, 0.3, true),
+            (39.0, 0.35, 0.3, false),
             (39.0, 0.5, 0.04, true),
             (41.0, 0.5, 0.04, false),
-            (31.0, 0.51, 0.04, false),
+            (39.0, 0.51, 0.04, false),
+            (34.0, 0.51, 0.04, true),
             (29.0, 0.9, 0.04, true),
             (31.0, 0.9, 0.04, false),
-            (29.0, 0.6, 0.5, true),
-            (31.0, 0.6, 0.5, false),
+            (31.0, 0.6, 0.5, true),
+            (33.0, 0.6, 0.5, false),
             (29.0, 0.9, 0.5, false),
             (19.0, 0.9, 0.5, true),
             (19.0, 1.1, 0.5, false),
         ] {
             let used = GripUse { total, turning, curvature: 0.0 };
-            assert_eq!(tube.contains(speed, &used), inside, "{speed} {total} {turning}");
+            assert_eq!(MEASURED.contains(speed, &used), inside, "{speed} {total} {turning}");
         }
     }
 
