@@ -9,8 +9,8 @@ use crate::collision::SafetyMargins;
 use crate::speed::smoothing::{Failure, Smoothed};
 use crate::trajectory::SpeedProfile;
 
-/// Accuracy of the severity of emergency plans, 0…1: of braking at 8 m/s², 0.2 m/s², below what a passenger notices.
-const SEVERITY_STEP: f64 = 0.04;
+/// Accuracy of the severity of emergency plans, 0…1: of braking at 8 m/s², 0.1 m/s², below what a passenger notices.
+const SEVERITY_STEP: f64 = 0.02;
 
 /// A choice with its final speed profile.
 pub(super) struct WithProfile {
