@@ -143,14 +143,14 @@ impl TrackingTube {
     /// Bounds for a vehicle that was not measured, wider than those of each built-in vehicle: the distance μ g τ² with the
     /// slowest lag τ, and three times the slip angle μ/c at which the softer axle's linear force would be the full grip. The
     /// speeds are up to 80 % of the top speed, twelve wheelbases per second with gentle and four and a half with moderate
-    /// use of the grip; 60 % of the latter with full use.
+    /// use of the grip; half of the latter with full use.
     pub(super) fn estimated(tyres: &Tyres, actuators: &Actuators, limits: &Limits, wheelbase: f64) -> Self {
         let [gentle, moderate] = [12.0, 4.5].map(|per_second: f64| (0.8 * limits.speed).min(per_second * wheelbase));
         let lag = lateral_lag(tyres, actuators, gentle).max(actuators.brake_lag).max(actuators.drive_lag);
         let distance = tyres.friction * GRAVITY * lag * lag;
         let slip = tyres.friction / tyres.cornering_front.min(tyres.cornering_rear);
         Self {
-            speed: [gentle, moderate, 0.6 * moderate],
+            speed: [gentle, moderate, 0.5 * moderate],
             lateral: [0.1, distance.max(0.3)],
             longitudinal: [0.1, distance.max(0.4)],
             heading: [0.12, 3.0 * slip],
