@@ -215,12 +215,11 @@ impl Planner<'_> {
     ) -> bool {
         let world = &self.known.world;
         let now = trajectory.start_time;
+        let at_start = allowance_at(world, margins, &trajectory.at(now), Kept::Share);
         let lead = start.lead.path();
         // what is imposed on the lead does not excuse what comes after it
-        let is_lead_free = lead.as_ref().is_none_or(|path| {
-            let allowance = allowance_at(world, margins, &trajectory.at(now), Kept::Share);
-            world.probe_path(path).static_hit(margins, &allowance).is_none()
-        });
+        let is_lead_free =
+            lead.as_ref().is_none_or(|path| world.probe_path(path).static_hit(margins, &at_start).is_none());
         let lead = lead.map(|path| world.sweep_path(&path));
         let sweeps: Vec<&Sweep> = lead.iter().chain(sweeps.iter().map(AsRef::as_ref)).collect();
         let fine_until = start.lead.length() + level.fine_until(start.point.speed);
@@ -230,9 +229,8 @@ impl Planner<'_> {
             let ahead = Path::new(trajectory.at(now).pose, &trajectory.path.part(from, f64::INFINITY));
             ahead.is_none_or(|path| returns_to_road(world, &path, end - from, wider))
         };
-        let begins_off_road = allowance_at(world, margins, &trajectory.at(now), Kept::Share).is_off_road();
         is_lead_free
-            && (!begins_off_road || is_return())
+            && (!at_start.is_off_road() || is_return())
             && self.is_free_of_statics(trajectory, margins, start.point.time, Kept::Share)
             && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
     }
