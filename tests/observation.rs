@@ -5,6 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use common::{VEHICLE, bundled};
+use stopline::collision::Blocker;
 use stopline::drive::{Observer, PredictionMode, Sensor};
 use stopline::fixtures::{parked, vehicle};
 use stopline::geometry::{Point, Pose};
@@ -128,6 +129,38 @@ fn the_committed_plan_is_proven_again_for_new_predictions() {
         .cycle(&Observation { state: followed(&now, 0.1), ..observed(vec![moves], &world.observation) })
         .unwrap();
     assert!(again.level.is_proven());
+}
+
+/// The contact is there while the brakes cannot respond yet, and over before a plan begins; the twin passes beside.
+#[test]
+fn a_standing_vehicle_that_is_driven_through_has_no_proof() {
+    let mut world = Loop::new();
+    world.observation.state.speed = 0.0;
+    let start = world.start().position;
+    let passes = |time: f64, beside: f64| {
+        let at = |i: i32| {
+            let since = 0.05 * f64::from(i);
+            TimedPose {
+                time: time + since,
+                pose: Pose::new(start.x + 4.0 + 40.0 * since, start.y + beside, 0.0),
+                speed: 40.0,
+            }
+        };
+        vec![car(3, (0..40).map(at).collect())]
+    };
+    for (beside, is_proven) in [(0.0, false), (2.5, true)] {
+        let mut planner = world.planner();
+        let plan = planner.cycle(&observed(passes(0.0, beside), &world.observation)).unwrap();
+        assert_eq!(plan.level.is_proven(), is_proven, "{plan:?}");
+        let contact = plan.expected_contact.map(|contact| (contact.what, contact.time));
+        assert_eq!(contact, (!is_proven).then_some((Blocker::Obstacle(3), 0.0)), "{plan:?}");
+        // the same with a proven plan before
+        let mut planner = world.planner();
+        assert!(planner.cycle(&world.observation).unwrap().level.is_proven());
+        let state = State { time: 0.1, ..world.observation.state };
+        let plan = planner.cycle(&Observation { state, ..observed(passes(0.1, beside), &world.observation) }).unwrap();
+        assert_eq!(plan.level.is_proven(), is_proven, "{plan:?}");
+    }
 }
 
 /// Without a plan of its own the planner keeps the old one only while its proof holds: here the road is blocked behind it.

@@ -142,9 +142,11 @@ impl Lead {
 }
 
 impl Planner<'_> {
-    /// The first contact during an extrapolated lead, without margins.
+    /// The first contact during an extrapolated lead, without margins. A standing vehicle is where it stands.
     pub(super) fn contact_during(&self, lead: &Lead) -> Option<ExpectedContact> {
-        let path = lead.path()?;
+        /// Length of the path of a standing vehicle, m: that of the least overlap that counts as a contact.
+        const STANDING: f64 = 1e-3;
+        let path = lead.path().or_else(|| Path::new(lead.start, &[CubicSpiral::straight(STANDING)]))?;
         let profile = SpeedProfile::new(lead.knots.clone())?;
         let world = &self.known.world;
         let sweep = world.sweep_path(&path);

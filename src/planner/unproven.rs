@@ -220,7 +220,7 @@ pub(super) fn first_contact(
     let visited = |cell: usize| grid.stations()[cell] <= end.station;
     let visit = |cell: usize| {
         let arrival = |station: f64| contact_at(profile, begins, station, Blocker::RoadBoundary).map(|c| c.time);
-        let from = arrival(grid.stations()[cell])?;
+        let from = if cell == 0 { begins } else { arrival(grid.stations()[cell])? };
         let to = arrival(grid.stations()[cell + 1]).unwrap_or(until);
         let blocked = grid.first_blocked(cell, from, to)?;
         let time = blocked.from.max(from);
