@@ -14,10 +14,13 @@ use common::{driven, real_scenarios};
 use stopline::drive::Outcome;
 use stopline::io::commonroad::read_file;
 
-/// Least number of scenarios in which the goal is reached.
-const GOALS: usize = 50;
-/// Largest number of runs with a contact, without those that start in one.
-const CONTACTS: usize = 8;
+/// Least number of scenarios in which the goal is reached: two less than on the developers' machine, whose last digits of sines may
+/// differ from others.
+const GOALS: usize = 63;
+/// Largest number of runs with a contact, without those that start in one: one more than on that machine.
+const CONTACTS: usize = 3;
+/// Largest number of runs with a fallback that does not hold: likewise.
+const FALLBACKS: usize = 2;
 /// Longest time for one scenario, s.
 const LONGEST: f64 = 120.0;
 
@@ -118,4 +121,6 @@ fn every_published_scenario_ends_with_a_verdict() {
     let contacts =
         rows.iter().filter(|r| r.outcome == Outcome::Collision && r.reason != Some("start_in_collision")).count();
     assert!(contacts <= CONTACTS, "{contacts} runs with a contact");
+    let broken = failures.get("fallback_stops").copied().unwrap_or(0);
+    assert!(broken <= FALLBACKS, "{broken} runs with a fallback that does not hold");
 }
