@@ -167,6 +167,16 @@ impl Situation<'_> {
         }
     }
 
+    /// The contact-free motion as far along a path as a search gets that does not ask for a stop; `None` if it gets nowhere.
+    pub(super) fn explored(&self, path: &LatticePath) -> Option<SpeedProfile> {
+        let ForSearch(sought) = self.for_search(&self.cells(path)?);
+        let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
+        match search(&sought, Strategy::Naive, &resolution) {
+            Ok(SpeedOutcome::Unproven { plan, .. }) => smoothing::raw_profile(&sought, &plan),
+            _ => None,
+        }
+    }
+
     /// Whether a curve of the path is too tight for the speed that remains after comfortable braking.
     pub(super) fn is_curve_speed_infeasible(&self, path: &LatticePath) -> bool {
         /// Distance between checks, m.

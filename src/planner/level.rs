@@ -247,7 +247,7 @@ pub(super) const NO_MARGINS: SafetyMargins =
 /// grip of each axle.
 const DOMAIN_SHARE: f64 = 0.95;
 /// Least acceleration of a level, m/s²: the search needs a positive one.
-const LEAST_ACCELERATION: f64 = 0.05;
+pub(super) const LEAST_ACCELERATION: f64 = 0.05;
 /// Fraction of the comfortable lateral acceleration that paths may use; the tracking controller has the remainder.
 const LATERAL_HEADROOM: f64 = 0.9;
 /// Fraction of the aggressive deceleration that the search uses; a jerk-limited stop needs the remainder to build up.

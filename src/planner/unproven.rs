@@ -3,17 +3,20 @@
 //! 1. The emergency levels are tried once more with everything that vehicle and road give, without the reserve that proofs
 //!    leave to the tracking controller. A plan that is found this way touches nothing if the controller needs no reserve.
 //! 2. Otherwise the committed plan goes on if what is left of it still touches nothing.
-//! 3. Otherwise every path of the hardest such level is driven with full braking, and the one with the latest first contact
-//!    wins; of those, the one with the lowest speed at contact. The arc along the present steering angle is one of them.
+//! 3. Otherwise every path of the hardest such level is driven in two ways, with full braking, and with the contact-free motion that a
+//!    search finds without asking for a stop (the first line of SafeTLP: a vehicle in dense traffic, whose full braking would be
+//!    answered by a contact from behind, goes on with the traffic), followed by full braking. The motion with the latest first contact
+//!    wins; of those, the one with the lowest speed at contact. The arc along the present steering angle is one of the paths.
 //!
 //! Such a plan claims nothing. One of the first two kinds is within what the vehicle can follow ([`super::tube`]), so that the next cycle
 //! goes on from it: from the measured state, each cycle would begin the swerve anew, later by the lags of the actuators. Full braking may
 //! be beyond that; the next plan starts from the measured state.
 //!
-//! Weak: the severity of a contact is its speed alone; a contact with a pedestrian counts as one with a wall.
+//! Weak: the severity of a contact is its speed alone; a contact with a pedestrian counts as one with a wall. The search without a stop
+//! stands for all other motions.
 
 use super::allowance::Kept;
-use super::level::{Level, LevelLimits, NO_MARGINS, fine_until};
+use super::level::{LEAST_ACCELERATION, Level, LevelLimits, NO_MARGINS, fine_until};
 use super::profile::WithProfile;
 use super::record::ExpectedContact;
 use super::tube::Tube;
@@ -30,17 +33,17 @@ const LEAST_BRAKING: f64 = 0.1;
 /// Length of the path beyond the standstill, m.
 const BEYOND: f64 = 1.0;
 
-/// A path with full braking, and its first contact.
-struct Braking {
+/// A motion along a path, and its first contact.
+struct Evading {
     trajectory: Trajectory,
     contact: Option<ExpectedContact>,
 }
 
-impl Braking {
+impl Evading {
     /// Time of the contact in steps of [`SIMULTANEOUS`], larger is better; then its speed, smaller is better.
     fn is_better_than(&self, other: &Self) -> bool {
         #[allow(clippy::cast_possible_truncation)] // times of a run
-        let key = |b: &Self| b.contact.map_or((i64::MAX, 0.0), |c| ((c.time / SIMULTANEOUS).floor() as i64, -c.speed));
+        let key = |e: &Self| e.contact.map_or((i64::MAX, 0.0), |c| ((c.time / SIMULTANEOUS).floor() as i64, -c.speed));
         let ((time, speed), (other_time, other_speed)) = (key(self), key(other));
         time > other_time || (time == other_time && speed > other_speed)
     }
@@ -69,8 +72,8 @@ impl Planner<'_> {
         }
         let deceleration = self.unreserved.deceleration().max(LEAST_BRAKING);
         let mut best = self.braking_on_arc(start, deceleration);
-        if let Some(hardest) = levels.last() {
-            self.brake_on_lanes(start, *hardest, deceleration, &mut best, record);
+        if let Some(hardest) = levels.last().filter(|_| start.lead_contact.is_none()) {
+            self.evade_on_lanes(start, *hardest, deceleration, &mut best, record);
         }
         let committed = Committed {
             trajectory: best.trajectory,
@@ -117,32 +120,40 @@ impl Planner<'_> {
         })
     }
 
-    /// Replaces `best` by full braking along a lattice path with a later or slower first contact.
-    fn brake_on_lanes(
+    /// Replaces `best` by a motion along a lattice path with a later or slower first contact. A vehicle without a proof does not speed up.
+    fn evade_on_lanes(
         &mut self,
         start: &Start,
         level: LevelLimits,
         deceleration: f64,
-        best: &mut Braking,
+        best: &mut Evading,
         record: &mut CycleRecord,
     ) {
         for lane in 0..self.lanes.as_ref().map_or(0, Vec::len) {
             let paths = self.lattice_paths(start, lane, level, &mut record.trace.edges);
             let Some(on) = self.lanes.as_ref().ok().and_then(|l| l.get(lane)) else { return };
-            let situation = self.situation(start, on, level);
+            let situation = self.situation(start, on, LevelLimits { acceleration: LEAST_ACCELERATION, ..level });
             for path in paths.iter().filter(|path| !situation.is_curve_speed_infeasible(path)) {
                 let sweeps: Vec<&Sweep> = path.sweeps.iter().map(AsRef::as_ref).collect();
                 let blocked_at = path.blocked_by.map(|what| (path.free_length, what));
-                let braking = self.braking_along(start, &path.path, &sweeps, blocked_at, deceleration);
-                if let Some(braking) = braking.filter(|b| b.is_better_than(best)) {
-                    *best = braking;
+                let explored = || situation.explored(path).map(|profile| then_braking(profile, deceleration));
+                let motions: [&dyn Fn() -> Option<SpeedProfile>; 2] =
+                    [&|| Some(full_braking(start.point.speed, deceleration)), &explored];
+                for motion in motions {
+                    if best.contact.is_none() {
+                        return;
+                    }
+                    let evading = motion().and_then(|p| self.evading_along(start, &path.path, &sweeps, blocked_at, &p));
+                    if let Some(evading) = evading.filter(|e| e.is_better_than(best)) {
+                        *best = evading;
+                    }
                 }
             }
         }
     }
 
     /// Full braking along the present curvature.
-    fn braking_on_arc(&self, start: &Start, deceleration: f64) -> Braking {
+    fn braking_on_arc(&self, start: &Start, deceleration: f64) -> Evading {
         let p = &start.point;
         let bound = self.vehicle.max_curvature();
         let length = p.speed * p.speed / (2.0 * deceleration) + BEYOND;
@@ -153,21 +164,20 @@ impl Planner<'_> {
         let sweep = world.sweep_path(&path);
         let hit = world.probe_path(&path).static_hit(&NO_MARGINS, &Allowance::NONE);
         let blocked_at = hit.map(|hit| (hit.station, hit.what));
-        self.braking_along(start, &path, &[&sweep], blocked_at, deceleration)
+        self.evading_along(start, &path, &[&sweep], blocked_at, &full_braking(p.speed, deceleration))
             .unwrap_or_else(|| unreachable!("the path is long enough to stop on"))
     }
 
-    /// Full braking along a path, which is extended by its tangent where it is too short; `None` if it is no path then.
-    fn braking_along(
+    /// A motion along a path, which is extended by its tangent where it is too short; `None` if it is no path then.
+    fn evading_along(
         &self,
         start: &Start,
         path: &Path,
         sweeps: &[&Sweep],
         blocked_at: Option<(f64, Blocker)>,
-        deceleration: f64,
-    ) -> Option<Braking> {
+        profile: &SpeedProfile,
+    ) -> Option<Evading> {
         let p = &start.point;
-        let profile = full_braking(p.speed, deceleration);
         let missing = profile.last().station + BEYOND - path.length();
         let path = if missing > 0.0 {
             let spirals = path.pieces().map(|(_, _, spiral)| *spiral);
@@ -176,35 +186,47 @@ impl Planner<'_> {
             path.clone()
         };
         let predictions = self.known.world.predictions();
-        let contact = first_contact(predictions, sweeps, blocked_at, &profile, (p.time, f64::INFINITY));
-        Some(Braking { trajectory: start.lead.followed_by(&path, &profile), contact: start.lead_contact.or(contact) })
+        let contact = first_contact(predictions, sweeps, blocked_at, profile, (p.time, f64::INFINITY));
+        Some(Evading { trajectory: start.lead.followed_by(&path, profile), contact: start.lead_contact.or(contact) })
     }
 }
 
 /// Braking to standstill at a constant deceleration.
 fn full_braking(speed: f64, deceleration: f64) -> SpeedProfile {
-    let knot = |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };
-    let mut knots = vec![knot(0.0, 0.0, speed, 0.0)];
-    if speed > 0.0 {
-        knots[0].acceleration = -deceleration;
-        knots.push(knot(speed / deceleration, speed * speed / (2.0 * deceleration), 0.0, 0.0));
-    }
-    SpeedProfile::new(knots).unwrap_or_else(|| unreachable!("one or two knots in order are a profile"))
+    let knot = SpeedKnot { time: 0.0, station: 0.0, speed, acceleration: 0.0, jerk: 0.0 };
+    let start = SpeedProfile::new(vec![knot]).unwrap_or_else(|| unreachable!("one knot is a profile"));
+    then_braking(start, deceleration)
 }
 
-/// The arrival at a station (m) with the acceleration of the first knot; `None` if the profile ends before.
-fn contact_at(profile: &SpeedProfile, begins: f64, station: f64, what: Blocker) -> Option<ExpectedContact> {
-    let first = profile.knots()[0];
-    if station >= profile.last().station {
+/// The profile, and after its end braking to standstill at a constant deceleration.
+fn then_braking(profile: SpeedProfile, deceleration: f64) -> SpeedProfile {
+    let mut knots = profile.knots().to_vec();
+    let last = knots.len() - 1;
+    if knots[last].speed == 0.0 {
+        return profile;
+    }
+    knots[last].acceleration = -deceleration;
+    let stands = knots[last].after(knots[last].speed / deceleration);
+    knots.push(SpeedKnot { speed: 0.0, acceleration: 0.0, ..stands });
+    SpeedProfile::new(knots).unwrap_or_else(|| unreachable!("knots in order are a profile"))
+}
+
+/// When a profile with constant accelerations between its knots first reaches a station (m), s since its start, and its speed there,
+/// m/s; `None` if it ends before.
+fn arrival(profile: &SpeedProfile, station: f64) -> Option<(f64, f64)> {
+    if station > profile.last().station {
         return None;
     }
-    let speed = (first.speed * first.speed + 2.0 * first.acceleration * station).max(0.0).sqrt();
-    let time = if first.acceleration == 0.0 { station / speed } else { (speed - first.speed) / first.acceleration };
-    Some(ExpectedContact { what, time: begins + time, speed })
+    let knots = profile.knots();
+    let from = &knots[knots.partition_point(|k| k.station < station).saturating_sub(1)];
+    let ahead = station - from.station;
+    let speed = (from.speed * from.speed + 2.0 * from.acceleration * ahead).max(0.0).sqrt();
+    let takes = if ahead > 0.0 { 2.0 * ahead / (from.speed + speed) } else { 0.0 };
+    Some((from.time + takes, speed))
 }
 
-/// The first contact on sweeps, with a constant acceleration: with what blocks them from a station (m) on, or with moving
-/// obstacles. `until` (s of the run) is when the vehicle leaves the end of the profile; infinite where it stands there.
+/// The first contact on sweeps, with constant accelerations between the knots of the profile: with what blocks them from a station (m)
+/// on, or with moving obstacles. `until` (s of the run) is when the vehicle leaves the end of the profile; infinite where it stands there.
 pub(super) fn first_contact(
     predictions: &Predictions,
     sweeps: &[&Sweep],
@@ -212,22 +234,23 @@ pub(super) fn first_contact(
     profile: &SpeedProfile,
     (begins, until): (f64, f64),
 ) -> Option<ExpectedContact> {
-    let fixed = blocked_at.and_then(|(station, what)| contact_at(profile, begins, station, what));
+    let fixed = blocked_at.and_then(|(station, what)| {
+        // a vehicle that stops there touches nothing
+        let (time, speed) = arrival(profile, station).filter(|_| station < profile.last().station)?;
+        Some(ExpectedContact { what, time: begins + time, speed })
+    });
     let margins = &NO_MARGINS.moving_obstacles;
     let times = (begins, until.min(predictions.horizon()).max(begins + 1.0));
     let grid = predictions.blocked_finely(sweeps, margins, times, fine_until(profile.knots()[0].speed));
-    let end = profile.last();
-    let visited = |cell: usize| grid.stations()[cell] <= end.station;
     let visit = |cell: usize| {
-        let arrival = |station: f64| contact_at(profile, begins, station, Blocker::RoadBoundary).map(|c| c.time);
-        let from = if cell == 0 { begins } else { arrival(grid.stations()[cell])? };
-        let to = arrival(grid.stations()[cell + 1]).unwrap_or(until);
+        let from = begins + arrival(profile, grid.stations()[cell])?.0;
+        let to = arrival(profile, grid.stations()[cell + 1]).map_or(until, |(time, _)| begins + time);
         let blocked = grid.first_blocked(cell, from, to)?;
         let time = blocked.from.max(from);
         let speed = profile.at(time - begins).speed;
         Some(ExpectedContact { what: Blocker::Obstacle(blocked.obstacle), time, speed })
     };
-    let moving = (0..grid.cells()).take_while(|c| visited(*c)).filter_map(visit);
+    let moving = (0..grid.cells()).filter_map(visit);
     fixed.into_iter().chain(moving).reduce(|a, b| if b.time < a.time { b } else { a })
 }
 
@@ -237,11 +260,11 @@ mod tests {
     use crate::fixtures::straight;
     use crate::geometry::Pose;
 
-    fn braking(contact: Option<(f64, f64)>) -> Braking {
+    fn braking(contact: Option<(f64, f64)>) -> Evading {
         let path = straight(Pose::new(0.0, 0.0, 0.0), 10.0);
         let trajectory = Trajectory { start_time: 0.0, path, profile: full_braking(4.0, 2.0) };
         let contact = contact.map(|(time, speed)| ExpectedContact { what: Blocker::Obstacle(1), time, speed });
-        Braking { trajectory, contact }
+        Evading { trajectory, contact }
     }
 
     #[test]
@@ -263,11 +286,24 @@ mod tests {
         assert!((profile.last().station - 10.0).abs() < 1e-12 && (profile.duration() - 2.0).abs() < 1e-12);
         for station in [0.0, 1.0, 6.4, 9.9] {
             let speed = (100.0_f64 - 10.0 * station).sqrt();
-            let contact = contact_at(&profile, 3.0, station, Blocker::RoadBoundary).unwrap();
-            assert!((contact.speed - speed).abs() < 1e-12, "{contact:?}");
-            assert!((contact.time - 3.0 - (10.0 - speed) / 5.0).abs() < 1e-12, "{contact:?}");
+            let (time, found) = arrival(&profile, station).unwrap();
+            assert!((found - speed).abs() < 1e-12 && (time - (10.0 - speed) / 5.0).abs() < 1e-12, "{time} {found}");
         }
-        assert_eq!(contact_at(&profile, 3.0, 10.0, Blocker::RoadBoundary), None, "it stops there");
+        assert_eq!(arrival(&profile, 10.1), None, "it stops before");
         assert_eq!(full_braking(0.0, 5.0).duration(), 0.0);
+    }
+
+    /// 2 s at 4 m/s, 1 s at rest, 2 s with 1 m/s², then braking: v = 2 m/s at the last knot, 1 m to standstill with 2 m/s².
+    #[test]
+    fn arrivals_are_the_first_ones_and_braking_begins_where_the_profile_ends() {
+        let knot = |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };
+        let knots = [(0.0, 0.0, 4.0, -2.0), (2.0, 4.0, 0.0, 0.0), (3.0, 4.0, 0.0, 1.0), (5.0, 6.0, 2.0, 0.0)];
+        let profile = SpeedProfile::new(knots.map(|(t, s, v, a)| knot(t, s, v, a)).to_vec()).unwrap();
+        let braked = then_braking(profile, 2.0);
+        assert_eq!(braked.last(), &knot(6.0, 7.0, 0.0, 0.0));
+        assert_eq!(arrival(&braked, 4.0), Some((2.0, 0.0)), "before the wait");
+        assert_eq!(arrival(&braked, 4.5), Some((4.0, 1.0)), "after it");
+        assert_eq!(arrival(&braked, 6.75), Some((5.5, 1.0)));
+        assert_eq!((arrival(&braked, 0.0), arrival(&braked, 7.0)), (Some((0.0, 4.0)), Some((6.0, 0.0))));
     }
 }

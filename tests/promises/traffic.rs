@@ -83,6 +83,31 @@ fn a_vehicle_close_behind_a_leader_does_not_close_in() {
     }
 }
 
+/// A follower that does not brake leaves no stop that could be proven; one that brakes does. Full braking would be answered by a contact from behind: the
+/// vehicle goes on with the traffic, and brakes with the leader.
+#[test]
+fn a_vehicle_without_a_proof_goes_on_with_dense_traffic() {
+    for (ahead, behind, speed, braking) in [(8.0, 4.0, 15.0, 0.0), (12.0, 3.0, 12.0, 0.0), (10.0, 5.0, 15.0, 1.0)] {
+        let (car, half) = (4.5, 0.5 * VEHICLE.length);
+        let moving = |id: i64, x: f64, braking: f64| {
+            let states = (0..=100).map(|i| {
+                let time = 0.1 * f64::from(i);
+                let driven = time * (speed - 0.5 * braking * time);
+                TimedPose { time, pose: Pose::new(x + driven, 0.0, 0.0), speed: speed - braking * time }
+            });
+            let moving = obstacle(id, Shape::rectangle(car, 1.8), Motion::Trajectory(states.collect()));
+            Obstacle { kind: ObstacleKind::Vehicle, ..moving }
+        };
+        let leader = moving(7, START + half + ahead + 0.5 * car, braking);
+        let follower = moving(8, START - half - behind - 0.5 * car, braking);
+        let scenario = scene(lanes(3.5, false), speed, vec![leader, follower]);
+        let run = driven_until(&scenario, &VEHICLE, 1.0, 5.0);
+        let case = format!("{ahead} m, {behind} m, {speed} m/s, {braking} m/s²");
+        assert!(braking > 0.0 || unproven(&run) > 10, "{case}: no case of a follower that does not brake");
+        assert_ne!(run.outcome, Outcome::Collision, "{case}: {:?}", check(&run, "no_contact"));
+    }
+}
+
 /// The prediction of a standing car ends before the vehicle is there; nothing says that it has gone. Its place is not driven through while
 /// it is assumed to stand there.
 #[test]
