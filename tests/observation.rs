@@ -163,6 +163,27 @@ fn a_standing_vehicle_that_is_driven_through_has_no_proof() {
     }
 }
 
+/// Plans go forwards only: of a vehicle that rolls backwards, nothing is proven until its brakes have stopped it. What is left of the
+/// swing after a stop is less than the tracking error.
+#[test]
+fn a_vehicle_that_rolls_backwards_has_no_proof() {
+    let world = Loop::new();
+    for (speed, is_proven) in [(-5.0, false), (-1.0, false), (-0.5, false), (-0.1, true), (0.0, true), (0.5, true)] {
+        let state = State { speed, ..world.observation.state };
+        let mut planner = world.planner();
+        let plan = planner.cycle(&Observation { state, ..world.observation.clone() }).unwrap();
+        assert_eq!(plan.level.is_proven(), is_proven, "{speed} m/s: {plan:?}");
+        // the same after a proven plan
+        let mut planner = world.planner();
+        let before = State { speed: 0.0, ..world.observation.state };
+        let before = planner.cycle(&Observation { state: before, ..world.observation.clone() }).unwrap();
+        assert!(before.level.is_proven());
+        let state = State { time: 0.1, ..state };
+        let plan = planner.cycle(&Observation { state, ..world.observation.clone() }).unwrap();
+        assert_eq!(plan.level.is_proven(), is_proven, "{speed} m/s after a plan: {plan:?}");
+    }
+}
+
 /// Without a plan of its own the planner keeps the old one only while its proof holds: here the road is blocked behind it.
 #[test]
 fn a_refuted_plan_without_a_successor_is_unproven() {
@@ -254,6 +275,19 @@ fn wrong_observations_are_refused_and_the_planner_goes_on() {
     assert!(matches!(refused(&|o| o.state.speed = nan), ObservationError::State { what: "the speed", .. }));
     assert!(matches!(refused(&|o| o.state.pose.position.x = f64::INFINITY), ObservationError::State { .. }));
     assert!(matches!(refused(&|o| o.state.time = nan), ObservationError::State { what: "the time", .. }));
+    for change in [
+        |o: &mut Observation| o.state.speed = -151.0,
+        |o: &mut Observation| o.state.lateral_speed = 1e9,
+        |o: &mut Observation| o.state.acceleration = 1e308,
+        |o: &mut Observation| o.state.yaw_rate = -21.0,
+        |o: &mut Observation| o.state.steering = 1.6,
+    ] {
+        assert!(matches!(refused(&change), ObservationError::Beyond { .. }));
+    }
+    assert_eq!(
+        refused(&|o| o.state.speed = 1e5).to_string(),
+        "the speed of the vehicle is 100000 m/s, expected at most 150 m/s to either side"
+    );
     assert_eq!(refused(&|o| o.state.time = 0.9), ObservationError::TimeGoesBack { now: 0.9, before: 1.1 });
     for friction in [0.0, -1.0, 11.0] {
         assert_eq!(refused(&|o| o.friction = friction), ObservationError::Friction(friction));

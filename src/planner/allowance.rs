@@ -3,7 +3,7 @@
 //! - **The margins of a level** are wishes there: within [`LEAVE_MARGIN`] none are kept to the kind of thing (obstacles or road boundary)
 //!   whose margin the start is inside of.
 //! - **The tube** is what a proof rests on: the share of it that is free at the start is kept, so that the vehicle comes no closer than it
-//!   is. A vehicle right in front of a wall has no proof of a plan towards it.
+//!   is. A vehicle right in front of a wall has no proof of a plan towards it, and one that moves towards it has no proof at all.
 //!
 //! Off the road, the boundary is ignored for [`RETURN_TO_ROAD`], while the distance from the road shrinks. Beyond what the start imposes,
 //! a proof permits 5 cm, as on the road: enough for the tracking errors of calm driving. By as much as the tube of the plan is wider than
@@ -20,8 +20,9 @@ use crate::trajectory::{Path, TrajectoryPoint};
 const LEAVE_MARGIN: f64 = 6.0;
 /// Distance within which the vehicle must return to the road, m.
 const RETURN_TO_ROAD: f64 = 15.0;
-/// Number of shares of a tube: of the widest one, an eighth is a few centimetres.
-const SHARES: u32 = 8;
+/// Accuracy of the share of a tube that is kept, halvings: of the widest one, half a metre, it is 2 mm. With centimetres, a vehicle that
+/// rolls the last ones towards a wall had a proof.
+const HALVINGS: usize = 8;
 
 /// What is kept of margins that the start is inside of.
 #[derive(Clone, Copy)]
@@ -29,6 +30,8 @@ pub(super) enum Kept {
     Nothing,
     /// As much as is free at the start.
     Share,
+    /// As much as is free at the start, but everything towards what is ahead: a vehicle that moves without a proof may not stop before it.
+    Beside,
 }
 
 /// The allowance of collision checks for a vehicle that stands inside a margin or partly off the road.
@@ -42,7 +45,12 @@ pub(super) fn allowance_at(
     if here.static_hit(margins, &Allowance::NONE).is_none() {
         return Allowance::NONE;
     }
-    let to_obstacles = kept.share_of(|share| is_near_obstacle(&mut here, &margins.static_obstacles.scaled(share)));
+    let ahead = Margins { lateral: 0.0, ..margins.static_obstacles };
+    let to_obstacles = if matches!(kept, Kept::Beside) && is_near_obstacle(&mut here, &ahead) {
+        1.0
+    } else {
+        kept.share_of(|share| is_near_obstacle(&mut here, &margins.static_obstacles.scaled(share)))
+    };
     let to_road = kept.share_of(|share| is_near_boundary(&mut here, share * margins.road));
     let off_road = world.start_overlap(&p.pose, p.time).is_some_and(|o| o.what == Blocker::RoadBoundary);
     let no_road_until = if off_road { RETURN_TO_ROAD } else { f64::NEG_INFINITY };
@@ -50,23 +58,23 @@ pub(super) fn allowance_at(
 }
 
 /// Whether a path that starts off the road returns to it without a detour, up to a station (m): its distance from the road never
-/// grows, and shrinks with the square of the distance driven, as an error of the heading that grows displaces the vehicle, by `wider`
-/// (m) until the end of [`RETURN_TO_ROAD`].
+/// grows by more than the swing of its rear, and shrinks with the square of the distance driven, as an error of the heading that grows
+/// displaces the vehicle, by `wider` (m) until the end of [`RETURN_TO_ROAD`].
 pub(super) fn returns_to_road(world: &CollisionWorld, path: &Path, until: f64, wider: f64) -> bool {
     /// Distance between compared poses, m.
     const SPACING: f64 = 0.5;
-    /// Tolerance of distances, m.
-    const ROUNDING: f64 = 1e-3;
+    /// By how much it may grow, m: the rear of a vehicle that turns back to the road swings out.
+    const SWING: f64 = 0.01;
     let poses = path.sampled(SPACING).into_iter().take_while(|(station, _)| *station <= until.min(RETURN_TO_ROAD));
     let (mut imposed, mut least) = (None, f64::INFINITY);
     poses.into_iter().all(|(station, point)| {
         let depth = world.depth_off_road(&point.pose);
         let share = station / RETURN_TO_ROAD;
         let permitted = *imposed.get_or_insert(depth) - wider * share * share;
-        let shrinks = depth <= least + ROUNDING;
+        let shrinks = depth <= least + SWING;
         least = least.min(depth);
         let is_far_enough = if permitted >= 0.0 {
-            depth <= permitted + ROUNDING
+            depth <= permitted + SWING
         } else {
             !is_near_boundary(&mut probe_at(world, &point.pose, point.curvature), -permitted)
         };
@@ -75,22 +83,26 @@ pub(super) fn returns_to_road(world: &CollisionWorld, path: &Path, until: f64, w
 }
 
 impl Kept {
-    /// The largest share at which nothing is near.
+    /// The largest share at which nothing is near, from below.
     fn share_of(self, mut is_near: impl FnMut(f64) -> bool) -> f64 {
         if !is_near(1.0) {
             return 1.0;
         }
-        let smaller = match self {
-            Self::Nothing => 0..0,
-            Self::Share => 1..SHARES,
-        };
-        smaller.rev().map(|part| f64::from(part) / f64::from(SHARES)).find(|share| !is_near(*share)).unwrap_or(0.0)
+        let (mut kept, mut near) = (0.0, 1.0);
+        for _ in 0..if matches!(self, Self::Nothing) { 0 } else { HALVINGS } {
+            let share = f64::midpoint(kept, near);
+            *if is_near(share) { &mut near } else { &mut kept } = share;
+        }
+        kept
     }
 }
 
-/// A probe of the vehicle at a pose: a path of 5 cm.
+/// Length of the path of a vehicle that stands, m: that of the least overlap that counts as a contact.
+pub(super) const STANDING: f64 = 1e-3;
+
+/// A probe of the vehicle at a pose.
 fn probe_at<'w>(world: &'w CollisionWorld, pose: &Pose, curvature: f64) -> EdgeProbe<'w> {
-    world.probe(pose, &CubicSpiral { knots: [curvature; 4], length: 0.05 })
+    world.probe(pose, &CubicSpiral { knots: [curvature; 4], length: STANDING })
 }
 
 fn is_near_obstacle(here: &mut EdgeProbe<'_>, margins: &Margins) -> bool {

@@ -14,7 +14,7 @@
 //! Weak: the lag of the drive, which is longer for some vehicles, is left to the tracking controller.
 
 use super::Planner;
-use super::allowance::{Kept, allowance_at};
+use super::allowance::{Kept, STANDING, allowance_at};
 use super::level::NO_MARGINS;
 use super::record::ExpectedContact;
 use super::unproven::first_contact;
@@ -83,6 +83,11 @@ impl Lead {
         Path::new(self.start, &self.spirals)
     }
 
+    /// Its path, or the place where the vehicle stands: a path of [`STANDING`].
+    pub(super) fn path_or_place(&self) -> Option<Path> {
+        self.path().or_else(|| Path::new(self.start, &[CubicSpiral::straight(STANDING)]))
+    }
+
     /// Its length, m.
     pub(super) fn length(&self) -> f64 {
         self.knots[self.knots.len() - 1].station
@@ -144,9 +149,7 @@ impl Lead {
 impl Planner<'_> {
     /// The first contact during an extrapolated lead, without margins. A standing vehicle is where it stands.
     pub(super) fn contact_during(&self, lead: &Lead) -> Option<ExpectedContact> {
-        /// Length of the path of a standing vehicle, m: that of the least overlap that counts as a contact.
-        const STANDING: f64 = 1e-3;
-        let path = lead.path().or_else(|| Path::new(lead.start, &[CubicSpiral::straight(STANDING)]))?;
+        let path = lead.path_or_place()?;
         let profile = SpeedProfile::new(lead.knots.clone())?;
         let world = &self.known.world;
         let sweep = world.sweep_path(&path);

@@ -60,6 +60,7 @@ pub use settings::{
 use std::sync::Arc;
 use std::time::Instant;
 
+use self::allowance::Kept;
 use self::candidate::Situation;
 use self::choice::Choice;
 use self::known::{Change, Known};
@@ -149,12 +150,14 @@ struct Start {
     point: TrajectoryPoint,
     /// The first contact during a lead that is not part of a proof.
     lead_contact: Option<ExpectedContact>,
-    /// Whether the vehicle skids beside the lead.
-    skids: bool,
+    /// Whether the vehicle skids beside the lead, or rolls backwards.
+    is_astray: bool,
     /// How far the vehicle is from the committed trajectory, if plans start on it.
     deviation: Deviation,
     /// Whether it is on the committed trajectory.
     on_plan: bool,
+    /// What is kept of a tube in which something is at the start.
+    kept: Kept,
 }
 
 /// Why a planner cannot be created, or cannot plan.
@@ -237,8 +240,8 @@ impl<'m> Planner<'m> {
         self.record_use(&start, state.time);
         self.follow_route(&start);
         let mut record = CycleRecord::default();
-        // no plan can prevent a contact during the lead, and a vehicle that skids follows no plan
-        let is_hopeless = start.lead_contact.is_some() || start.skids;
+        // no plan can prevent a contact during the lead, and a vehicle that skids or rolls backwards follows no plan
+        let is_hopeless = start.lead_contact.is_some() || start.is_astray;
         let levels = if is_hopeless { Vec::new() } else { self.levels(start.point.speed) };
         let choice = self.choose(&start, &levels, &mut record);
         let worth = choice.filter(|(level, c)| self.is_worth_taking(&start, *level, c, &mut record));
@@ -342,19 +345,38 @@ impl<'m> Planner<'m> {
         let follows = |c: &Committed| {
             c.level.is_proven() || (c.tube.is_known() && !self.described.is_skidding(state, self.friction))
         };
-        let near = |c: &&Committed| follows(c) && self.is_near(&c.trajectory.at(state.time), &state.pose);
+        let rolls_back = self.described.is_rolling_back(state, self.friction);
+        let near =
+            |c: &&Committed| !rolls_back && follows(c) && self.is_near(&c.trajectory.at(state.time), &state.pose);
+        let kept = |is_proven| if is_proven || state.speed < STANDSTILL_SPEED { Kept::Share } else { Kept::Beside };
         if let Some(Committed { trajectory, level, .. }) = self.committed.as_ref().filter(near) {
             let deviation = Deviation::between(&trajectory.at(state.time).pose, &state.pose);
             let lead = Lead::on(trajectory, state.time, duration);
             let point = trajectory.at(state.time + duration);
             let lead_contact = if level.is_proven() { None } else { self.contact_during(&lead) };
-            return Start { lead, point, lead_contact, skids: false, deviation, on_plan: true };
+            return Start {
+                lead,
+                point,
+                lead_contact,
+                is_astray: false,
+                deviation,
+                on_plan: true,
+                kept: kept(level.is_proven()),
+            };
         }
         let lead = Lead::extrapolated(state, &self.vehicle, duration);
         let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
         let lead_contact = self.contact_during(&lead);
-        let skids = self.described.is_skidding(state, self.friction);
-        Start { lead, point, lead_contact, skids, deviation: Deviation::default(), on_plan: false }
+        let is_astray = rolls_back || self.described.is_skidding(state, self.friction);
+        Start {
+            lead,
+            point,
+            lead_contact,
+            is_astray,
+            deviation: Deviation::default(),
+            on_plan: false,
+            kept: kept(false),
+        }
     }
 
     /// The pair of path and speed with a proven stop on the gentlest of these levels, of those the cheapest. The lattice is searched

@@ -8,6 +8,7 @@
 //! is continued ([`Extrapolation`](super::Extrapolation)), so that an obstacle without a prediction is a trajectory of one state.
 
 use std::collections::HashSet;
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use crate::geometry::Point;
@@ -41,6 +42,18 @@ pub enum ObservationError {
         what: &'static str,
         /// The value.
         value: f64,
+    },
+    /// A value of the vehicle's state is beyond what a vehicle can do.
+    #[error("{what} of the vehicle is {value} {unit}, expected at most {most} {unit} to either side")]
+    Beyond {
+        /// Name of the value.
+        what: &'static str,
+        /// The value.
+        value: f64,
+        /// The largest value to either side.
+        most: f64,
+        /// Unit of both.
+        unit: &'static str,
     },
     /// The time is before that of the previous cycle.
     #[error("the observation is of {now} s, expected a time not before the previous cycle at {before} s")]
@@ -97,19 +110,25 @@ impl Observation {
     /// Checks everything but the obstacles.
     pub(super) fn validate(&self, before: f64) -> Result<(), ObservationError> {
         let State { time, pose, speed, lateral_speed, acceleration, yaw_rate, steering } = self.state;
-        for (what, value) in [
-            ("the time", time),
-            ("the x position", pose.position.x),
-            ("the y position", pose.position.y),
-            ("the yaw", pose.yaw),
-            ("the speed", speed),
-            ("the lateral speed", lateral_speed),
-            ("the acceleration", acceleration),
-            ("the yaw rate", yaw_rate),
-            ("the steering angle", steering),
+        let (at, yaw) = (pose.position, pose.yaw);
+        for (what, value) in [("the time", time), ("the x position", at.x), ("the y position", at.y), ("the yaw", yaw)]
+        {
+            if !value.is_finite() {
+                return Err(ObservationError::State { what, value });
+            }
+        }
+        for (what, value, most, unit) in [
+            ("the speed", speed, State::HIGHEST_SPEED, "m/s"),
+            ("the lateral speed", lateral_speed, State::HIGHEST_SPEED, "m/s"),
+            ("the acceleration", acceleration, State::HIGHEST_ACCELERATION, "m/s²"),
+            ("the yaw rate", yaw_rate, State::HIGHEST_YAW_RATE, "rad/s"),
+            ("the steering angle", steering, FRAC_PI_2, "rad"),
         ] {
             if !value.is_finite() {
                 return Err(ObservationError::State { what, value });
+            }
+            if value.abs() > most {
+                return Err(ObservationError::Beyond { what, value, most, unit });
             }
         }
         if time < before {

@@ -215,12 +215,13 @@ impl Planner<'_> {
     ) -> bool {
         let world = &self.known.world;
         let now = trajectory.start_time;
-        let at_start = allowance_at(world, margins, &trajectory.at(now), Kept::Share);
-        let lead = start.lead.path();
+        let at_start = allowance_at(world, margins, &trajectory.at(now), start.kept);
         // what is imposed on the lead does not excuse what comes after it
-        let is_lead_free =
-            lead.as_ref().is_none_or(|path| world.probe_path(path).static_hit(margins, &at_start).is_none());
-        let lead = lead.map(|path| world.sweep_path(&path));
+        let is_lead_free = start
+            .lead
+            .path_or_place()
+            .is_none_or(|path| world.probe_path(&path).static_hit(margins, &at_start).is_none());
+        let lead = start.lead.path().map(|path| world.sweep_path(&path));
         let sweeps: Vec<&Sweep> = lead.iter().chain(sweeps.iter().map(AsRef::as_ref)).collect();
         let fine_until = start.lead.length() + level.fine_until(start.point.speed);
         let is_return = || {
@@ -231,7 +232,7 @@ impl Planner<'_> {
         };
         is_lead_free
             && (!at_start.is_off_road() || is_return())
-            && self.is_free_of_statics(trajectory, margins, start.point.time, Kept::Share)
+            && self.is_free_of_statics(trajectory, margins, start.point.time, start.kept)
             && self.is_free_of_traffic(trajectory, (&sweeps, fine_until), margins, level.robust, now)
     }
 }

@@ -197,3 +197,12 @@ pub struct State {
     /// Steering angle of the (virtual middle) front wheel, rad.
     pub steering: f64,
 }
+
+impl State {
+    /// Highest speed of anything on a road, m/s: nothing is faster, and the size of a plan grows with the stopping distance.
+    pub const HIGHEST_SPEED: f64 = 150.0;
+    /// Largest acceleration, m/s²: several times what tyres give.
+    pub const HIGHEST_ACCELERATION: f64 = 50.0;
+    /// Largest yaw rate, rad/s: three turns in a second. The simulation of a faster spin needs ever smaller steps.
+    pub const HIGHEST_YAW_RATE: f64 = 20.0;
+}

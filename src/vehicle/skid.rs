@@ -8,7 +8,7 @@
 //! ([`CONTROL_SHARE`]). For the brush model, with its cornering stiffness c per load and the friction μ, that is
 //! tan α = 3 (1 − ∛(1 − share)) μ/c.
 
-use super::{CONTROL_SHARE, State, Vehicle};
+use super::{CONTROL_SHARE, GRAVITY, GripUse, State, Vehicle};
 
 /// Speed below which a slip angle means nothing, m/s. A slide with the slip angle of the limit at this speed ends within a centimetre.
 const SLOW: f64 = 1.0;
@@ -24,6 +24,18 @@ impl Vehicle {
         let (sin, cos) = state.steering.sin_cos();
         let front = (state.speed * cos + left * sin, left * cos - state.speed * sin);
         skids((state.speed, state.lateral_speed), self.tyres.cornering_rear) || skids(front, self.tyres.cornering_front)
+    }
+}
+
+impl Vehicle {
+    /// Whether the vehicle rolls backwards, farther until its brakes stop it than the error with which it follows a calm plan: plans go
+    /// forwards only. `friction` is a factor on that of dry asphalt.
+    #[must_use]
+    pub fn is_rolling_back(&self, state: &State, friction: f64) -> bool {
+        let back = (-state.speed).max(0.0);
+        let braking = self.limits.deceleration.min(CONTROL_SHARE * friction * self.tyres.friction * GRAVITY);
+        let rolls = back * self.actuators.brake_lag + back * back / (2.0 * braking);
+        rolls > self.tracking.at(&GripUse::default()).longitudinal
     }
 }
 

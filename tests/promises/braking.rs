@@ -42,6 +42,25 @@ fn a_truck_stops_where_its_brakes_suffice_and_claims_nothing_where_they_do_not()
     assert!(found >= 7, "{found} stops are found");
 }
 
+/// A wall that is a little too close: the vehicle is without a proof until it has nearly stopped. What is left of its speed then is
+/// not proven to end in the last centimetres, unless it does.
+#[test]
+fn the_last_centimetres_before_a_wall_are_no_stop_unless_they_are() {
+    let truck = load("truck").unwrap();
+    let (mut late, mut wrong) = (0, Vec::new());
+    for (friction, speed, from) in [(0.4, 5.0, 5.0), (0.6, 6.0, 4.2), (1.0, 5.0, 2.4)] {
+        for i in 0..20 {
+            let distance = from + 0.04 * f64::from(i);
+            let scenario = before_a_wall(&truck, speed, distance);
+            let run = driven_until(&scenario, &truck, friction, 4.0);
+            wrong.extend(broken_claims(&run, &format!("friction {friction}, {speed} m/s, {distance:.2} m")));
+            late += usize::from(unproven(&run) > 0);
+        }
+    }
+    assert_eq!(wrong, [""; 0]);
+    assert!(late > 20, "{late} runs without a proof: the walls are far enough away");
+}
+
 /// Every built-in vehicle that brakes for a wall: no plan uses more of grip and brakes together than a proof may.
 #[test]
 fn no_proven_plan_uses_more_than_grip_and_brakes() {

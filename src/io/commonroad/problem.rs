@@ -8,6 +8,7 @@ use super::xml::{Node, Read, Source, all, child, children};
 use super::{duplicate, shape, state};
 use crate::geometry::Pose;
 use crate::map::{Goal, GoalPosition, InitialState, Interval, PlanningProblem};
+use crate::vehicle::State;
 
 pub(super) fn read_all(source: &mut Source, root: Node, network: &Network, time_step: f64) -> Vec<PlanningProblem> {
     let mut problems = Vec::new();
@@ -37,10 +38,6 @@ fn problem(source: &mut Source, node: Node, network: &Network, time_step: f64) -
     Ok(PlanningProblem { id: id?, initial: initial?, goals: goals? })
 }
 
-/// Largest initial acceleration, m/s²: several times what tyres give.
-const MAX_ACCELERATION: f64 = 50.0;
-/// Largest initial yaw rate, rad/s: three turns in a second. The simulation of a faster spin needs ever smaller steps.
-const MAX_YAW_RATE: f64 = 20.0;
 /// Largest initial slip angle, rad: beyond it the vehicle moves backwards, which is a negative speed.
 const MAX_SLIP_ANGLE: f64 = std::f64::consts::FRAC_PI_2;
 /// Slip angles below this one are those of a turn, which the yaw rate describes, rad.
@@ -53,8 +50,9 @@ fn initial(source: &mut Source, node: Node) -> Read<InitialState> {
         let value = source.optional(node, name, |source, n| state::bounded(source, n, tolerance, most, expected));
         Ok(value?.map_or(0.0, |(middle, _)| middle))
     };
-    let acceleration = of("acceleration", state::ACCELERATION, MAX_ACCELERATION, "an acceleration of at most 50 m/s²");
-    let yaw_rate = of("yawRate", state::YAW_RATE, MAX_YAW_RATE, "a yaw rate of at most 20 rad/s");
+    let (acceleration, yaw_rate) = (State::HIGHEST_ACCELERATION, State::HIGHEST_YAW_RATE);
+    let acceleration = of("acceleration", state::ACCELERATION, acceleration, "an acceleration of at most 50 m/s²");
+    let yaw_rate = of("yawRate", state::YAW_RATE, yaw_rate, "a yaw rate of at most 20 rad/s");
     let slip_angle =
         of("slipAngle", state::SLIP_ANGLE, MAX_SLIP_ANGLE, "a slip angle of at most pi/2 rad to either side");
     let (state, _, _) = (state?, orientation?, velocity?);

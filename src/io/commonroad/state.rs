@@ -9,6 +9,7 @@ use super::shape;
 use super::xml::{Node, Read, Source, child};
 use crate::geometry::Point;
 use crate::map::Interval;
+use crate::vehicle;
 
 /// Widest interval of a quantity whose middle is used.
 #[derive(Debug, Clone, Copy)]
@@ -30,8 +31,6 @@ pub(super) const YAW_RATE: Tolerance =
 pub(super) const SLIP_ANGLE: Tolerance =
     Tolerance { width: 1e-3, expected: "exact, or an interval of at most 0.001 rad" };
 
-/// Largest speed, m/s: nothing on a road is faster, and the size of a plan grows with the stopping distance.
-const MAX_SPEED: f64 = 150.0;
 /// The speeds that are valid, for messages.
 const SPEEDS: &str = "a speed of at most 150 m/s";
 
@@ -51,7 +50,8 @@ pub(super) struct State<'a> {
 pub(super) fn read<'a>(source: &mut Source, node: Node<'a>) -> Read<State<'a>> {
     let step = source.required(node, "time", |source, n| middle(source, n, steps, TIME));
     let yaw = source.optional(node, "orientation", |source, n| middle(source, n, angles, ORIENTATION));
-    let speed = source.optional(node, "velocity", |source, n| bounded(source, n, VELOCITY, MAX_SPEED, SPEEDS));
+    let speed = source
+        .optional(node, "velocity", |source, n| bounded(source, n, VELOCITY, vehicle::State::HIGHEST_SPEED, SPEEDS));
     let position = source.required(node, "position", position);
     let ((step, _), yaw, speed, (position, is_region)) = (step?, yaw?, speed?, position?);
     let is_interval = |value: &Option<(f64, bool)>| value.is_some_and(|(_, is_interval)| is_interval);
@@ -93,7 +93,7 @@ pub(super) fn reachable(source: &mut Source, states: &[State], time_step: f64) -
     for pair in states.windows(2) {
         let distance = (pair[1].position - pair[0].position).norm();
         let speed = distance / ((pair[1].step - pair[0].step) * time_step);
-        if speed > MAX_SPEED {
+        if speed > vehicle::State::HIGHEST_SPEED {
             let place = source.place(pair[1].node);
             return Err(source.report(ElementError::Unreachable { place, distance, speed, expected: SPEEDS }));
         }
