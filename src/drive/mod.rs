@@ -321,7 +321,7 @@ fn initial_state(problem: &PlanningProblem, vehicle: &Vehicle, time: f64) -> Sta
 }
 
 /// The outcome of a run that is over without goal or contact; `None` if it goes on. Standstill ends a run if waiting cannot help:
-/// no obstacle moves any more, and no goal that is met but for its time opens later.
+/// no obstacle moves any more or is assumed to stand where its record ended, and no goal that is met but for its time opens later.
 fn ended(run: &Run<'_>, watch: &GoalWatch, settings: &Settings, time: f64, ends: f64) -> Option<Outcome> {
     let samples = &run.log.samples;
     let last_moving = samples.iter().rposition(|s| s.speed.abs() > STANDSTILL_SPEED);
@@ -338,16 +338,22 @@ fn ended(run: &Run<'_>, watch: &GoalWatch, settings: &Settings, time: f64, ends:
         let centre = |s: &simulation::Sample| run.vehicle.centre_of_rear_axle(&s.pose);
         samples.last().is_some_and(|s| watch.opens_later(&centre(s), s.speed, s.time))
     };
-    let is_over = stopped_for >= settings.run.standstill_time && !moves_later(run.scenario, time) && !waits_for_goal();
+    let longest = settings.run.standstill_time;
+    // it has as long to drive off when the last obstacle is gone
+    let assumed = settings.planner.extrapolation.duration + longest;
+    let is_over = stopped_for >= longest && !moves_later(run.scenario, time, assumed) && !waits_for_goal();
     is_over.then_some(stopped)
 }
 
-/// Whether any obstacle still moves after `time`, s.
-fn moves_later(scenario: &Scenario, time: f64) -> bool {
+/// Whether any obstacle still moves after `time` (s), or its record ended less than `assumed` seconds ago.
+fn moves_later(scenario: &Scenario, time: f64, assumed: f64) -> bool {
     scenario.obstacles.iter().any(|o| match &o.motion {
         Motion::Static(_) => false,
-        Motion::Trajectory(states) => states.iter().any(|s| s.time > time && s.speed.abs() > STANDSTILL_SPEED),
-        Motion::Occupancy(sets) => sets.iter().any(|s| s.to > time),
+        Motion::Trajectory(states) => {
+            let ends = states.last().is_some_and(|last| (last.time..last.time + assumed).contains(&time));
+            ends || states.iter().any(|s| s.time > time && s.speed.abs() > STANDSTILL_SPEED)
+        }
+        Motion::Occupancy(sets) => sets.iter().any(|s| s.to + assumed > time),
     })
 }
 

@@ -42,9 +42,17 @@ pub enum ReadError {
         /// The file.
         file: String,
         /// Line, 1-based.
-        line: u32,
+        line: usize,
         /// The parser's reason.
         source: roxmltree::Error,
+    },
+    /// More XML than a scenario has.
+    #[error("{file}: has more than {most} XML elements, texts and comments, expected at most these")]
+    TooManyNodes {
+        /// The file.
+        file: String,
+        /// Most nodes.
+        most: u32,
     },
     /// XML of an unknown kind.
     #[error("{place}: the root element is <{found}>, expected <commonRoad>: not a CommonRoad scenario")]

@@ -92,7 +92,12 @@ pub fn read_bytes(name: &str, bytes: Vec<u8>) -> Result<Scenario, ReadError> {
 pub fn read_str(name: &str, text: &str) -> Result<Scenario, ReadError> {
     let options = roxmltree::ParsingOptions { allow_dtd: false, nodes_limit: MAX_NODES, ..Default::default() };
     let document = roxmltree::Document::parse_with_options(text, options).map_err(|source| {
-        let (file, line) = (name.to_owned(), source.pos().row);
+        let file = name.to_owned();
+        let line = match source {
+            roxmltree::Error::NodesLimitReached => return ReadError::TooManyNodes { file, most: MAX_NODES },
+            roxmltree::Error::UnexpectedEndOfStream => text.lines().count().max(1),
+            _ => source.pos().row as usize,
+        };
         other_kind(name, text.as_bytes()).unwrap_or(ReadError::NotXml { file, line, source })
     })?;
     let root = document.root_element();

@@ -328,6 +328,8 @@ fn refuses_files_that_are_not_scenarios() {
     refused(&with("2020a", "2017a"), &["2017a", "2018b or 2020a", "small.xml:2"]);
     refused_element(&with("commonRoadVersion=\"2020a\"", ""), &["small.xml:2", "commonRoadVersion"]);
     refused(&SMALL[..SMALL.len() / 2], &["not XML"]);
+    let cut = SMALL.trim_end().trim_end_matches("</commonRoad>").trim_end();
+    refused(cut, &[&format!("small.xml:{}: not XML", cut.lines().count())]);
     let start = SMALL.find("<planningProblem").unwrap();
     let end = SMALL.find("</planningProblem>").unwrap() + "</planningProblem>".len();
     let without = format!("{}{}", &SMALL[..start], &SMALL[end..]);
