@@ -1,9 +1,9 @@
 //! Starts off the road, and what emergency levels may use.
 
-use super::allowance::returns_to_road;
+use super::allowance::{Kept, allowance_at, returns_to_road};
 use super::*;
-use crate::collision::CollisionSettings;
-use crate::fixtures::{collision_world, road, scenario, vehicle};
+use crate::collision::{CollisionSettings, Margins};
+use crate::fixtures::{collision_world, parked, road, scenario, vehicle};
 use crate::geometry::Pose;
 use crate::geometry::spiral::CubicSpiral;
 use crate::trajectory::Path;
@@ -49,6 +49,46 @@ fn only_a_path_that_returns_to_the_road_is_excused_from_it() {
         assert!(until(-0.06, f64::INFINITY, 0.8) && !until(-0.06, f64::INFINITY, 0.95), "{case}: back to the road");
         // beyond the station from which it has to be on the road, the road itself is checked
         assert!(returns(-0.2, &[0.0, 0.1, 0.1, 0.3, 0.3]).1, "{case}: off again after it");
+    }
+}
+
+/// A tube of 0.24 m with something inside, ahead of the bumper or beside the door: what is free of it is kept, to 2 mm and never more. A
+/// vehicle that moves without a proof keeps everything towards what is ahead.
+#[test]
+fn what_is_free_of_a_tube_at_the_start_is_kept() {
+    let vehicle = vehicle();
+    let at = Pose::new(20.0, 0.0, 0.0);
+    let tube = SafetyMargins { static_obstacles: Margins::uniform(0.24), ..SafetyMargins::NONE };
+    let share = |ahead: f64, left: f64, kept: Kept| {
+        let centre = vehicle.centre_of_rear_axle(&at).position;
+        let box_at = Pose::new(centre.x + ahead, left, 0.0);
+        let scenario = scenario(road(20.0, 200.0), vec![parked(7, box_at, 2.0, 2.0)]);
+        let world = collision_world(&scenario, &vehicle, &CollisionSettings::default(), 1.0);
+        let point = Path::new(at, &[CubicSpiral::straight(1.0)]).unwrap().at(0.0);
+        let start = TrajectoryPoint {
+            time: 0.0,
+            pose: at,
+            curvature: point.curvature,
+            curvature_rate: 0.0,
+            station: 0.0,
+            speed: 1.0,
+            acceleration: 0.0,
+            jerk: 0.0,
+        };
+        allowance_at(&world, &tube, &start, kept)
+    };
+    for gap in [0.01, 0.03, 0.1, 0.2] {
+        let (ahead, left) = (0.5 * vehicle.length + gap + 1.0, 0.5 * vehicle.width + gap + 1.0);
+        for (x, y) in [(ahead, 0.0), (0.0, left), (0.0, -left)] {
+            let case = format!("{gap} m, at ({x}, {y})");
+            let free = share(x, y, Kept::Share).to_obstacles * 0.24;
+            assert!(free <= gap && free > gap - 0.005, "{case}: {free} m are kept");
+            assert_eq!(share(x, y, Kept::Nothing).to_obstacles, 0.0, "{case}");
+            let moving = share(x, y, Kept::Beside).to_obstacles * 0.24;
+            assert!((moving - if y == 0.0 { 0.24 } else { free }).abs() < 1e-12, "{case}: {moving} m while it moves");
+        }
+        let beyond = share(ahead + 0.24, 0.0, Kept::Share);
+        assert_eq!(beyond, crate::collision::Allowance::NONE, "{gap} m beyond the tube");
     }
 }
 
