@@ -11,7 +11,10 @@
 //! An extrapolated lead is the motion of wheels that roll where they point. A vehicle that skids moves in another way, and no plan of it is
 //! proven.
 //!
-//! Weak: the lag of the drive, which is longer for some vehicles, is left to the tracking controller.
+//! The lead of a measured state with an acceleration lasts as long as the drive needs to release it, if that is longer than the lag of the
+//! brakes.
+//!
+//! Weak: on a committed plan, the lag of the drive is left to the tracking controller.
 
 use super::Planner;
 use super::allowance::{Kept, STANDING, allowance_at};
@@ -34,7 +37,7 @@ pub(super) struct Lead {
     knots: Vec<SpeedKnot>,
 }
 
-/// How long the brakes of a vehicle take to respond, s: proofs begin that much after the cycle.
+/// How long the brakes of a vehicle take to respond, s: proofs on a committed plan begin that much after the cycle.
 pub(super) fn duration(vehicle: &Vehicle) -> f64 {
     vehicle.actuators.brake_lag
 }

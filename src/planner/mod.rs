@@ -364,7 +364,8 @@ impl<'m> Planner<'m> {
                 kept: kept(level.is_proven()),
             };
         }
-        let lead = Lead::extrapolated(state, &self.vehicle, duration);
+        let drives_for = if state.acceleration > 0.0 { self.vehicle.actuators.drive_lag } else { 0.0 };
+        let lead = Lead::extrapolated(state, &self.vehicle, duration.max(drives_for));
         let point = lead.end(state.steering.tan() / self.vehicle.wheelbase);
         let lead_contact = self.contact_during(&lead);
         let is_astray = rolls_back || self.described.is_skidding(state, self.friction);

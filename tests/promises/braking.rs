@@ -42,6 +42,28 @@ fn a_truck_stops_where_its_brakes_suffice_and_claims_nothing_where_they_do_not()
     assert!(found >= 7, "{found} stops are found");
 }
 
+/// The vehicle speeds up at its start: its drive takes longer to release than its brakes to come on, and what it gains until then is part of
+/// the stop.
+#[test]
+fn a_stop_from_an_acceleration_brakes_no_harder_than_claimed() {
+    let mut wrong = Vec::new();
+    for (name, speed) in
+        ["bmw_320i", "ford_escort", "truck"].iter().flat_map(|n| [6.0, 10.0, 12.3, 15.0].map(|v| (n, v)))
+    {
+        let vehicle = load(name).unwrap();
+        for acceleration in [1.0, 2.5, 4.0] {
+            for share in [2.1, 1.9, 1.7] {
+                let distance = speed * speed / (2.0 * share) + 0.25 * speed + 2.3;
+                let mut scenario = before_a_wall(&vehicle, speed, distance);
+                scenario.problems[0].initial.acceleration = acceleration;
+                let run = driven_until(&scenario, &vehicle, 1.0, 1.0);
+                wrong.extend(broken_claims(&run, &format!("{name}, {speed} m/s, {acceleration} m/s², {share} m/s²")));
+            }
+        }
+    }
+    assert_eq!(wrong, [""; 0]);
+}
+
 /// A wall that is a little too close: the vehicle is without a proof until it has nearly stopped. What is left of its speed then is
 /// not proven to end in the last centimetres, unless it does.
 #[test]
