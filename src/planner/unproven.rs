@@ -293,7 +293,7 @@ mod tests {
         assert_eq!(full_braking(0.0, 5.0).duration(), 0.0);
     }
 
-    /// 2 s at 4 m/s, 1 s at rest, 2 s with 1 m/s², then braking: v = 2 m/s at the last knot, 1 m to standstill with 2 m/s².
+    /// 2 s from 4 m/s to a standstill of 1 s, 2 s with 1 m/s², then braking: v = 2 m/s at the last knot, 1 m to standstill with 2 m/s².
     #[test]
     fn arrivals_are_the_first_ones_and_braking_begins_where_the_profile_ends() {
         let knot = |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };

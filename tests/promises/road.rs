@@ -172,9 +172,9 @@ fn a_start_a_little_off_the_road_leads_back_to_it() {
             if unproven(&run) > 0 {
                 wrong.push(format!("{case}: {}", run.cycles[0].summary()));
             }
-            let offs = run.log.samples.iter().map(|s| beyond(&s.pose, 1.75));
-            let farthest = offs.clone().fold(0.0, f64::max);
-            if farthest > depth + 0.05 || offs.last().is_none_or(|last| last > 0.0) {
+            let offs: Vec<f64> = run.log.samples.iter().map(|s| beyond(&s.pose, 1.75)).collect();
+            let farthest = offs.iter().copied().fold(0.0, f64::max);
+            if farthest > depth + 0.05 || offs.last().is_none_or(|last| *last > 0.0) {
                 wrong.push(format!("{case}: {farthest} m off, or not back"));
             }
         }
