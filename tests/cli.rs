@@ -417,6 +417,48 @@ fn one_of_several_problems_is_chosen_by_id() {
     assert_eq!(result["problem"], 7777);
 }
 
+/// A recording that contains the recorded vehicle: it is named, and left out if asked for. A car two metres ahead is none.
+#[test]
+fn the_recorded_ego_is_named_and_left_out() {
+    let place = Place::new();
+    let state = |x: f64, step: u32| {
+        format!(
+            "<position><point><x>{x}</x><y>0</y></point></position><orientation><exact>0</exact></orientation>\
+             <time><exact>{step}</exact></time><velocity><exact>5</exact></velocity>"
+        )
+    };
+    let with_car = |x: f64| {
+        let (first, then) = (state(x, 0), state(x + 50.0, 100));
+        let car = format!(
+            "<dynamicObstacle id=\"14503\"><type>car</type><shape><rectangle><length>4.5</length><width>1.8</width></rectangle></shape>\
+             <initialState>{first}</initialState><trajectory><state>{then}</state></trajectory></dynamicObstacle>"
+        );
+        road_with("<planningProblem", &format!("{car}<planningProblem"))
+    };
+    let (ego, other) = (place.file("ego.xml", with_car(10.0)), place.file("other.xml", with_car(12.0)));
+    let run = |arguments: &[&str]| {
+        let output = place.run(&[arguments, &["--json", "-"]].concat());
+        let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+        (result["reason"].clone(), stderr(&output))
+    };
+    let named = "dynamicObstacle 14503: is exactly where problem 1 starts: the recorded ego?";
+    for command in ["plan", "drive"] {
+        let (reason, warnings) = run(&[command, &ego]);
+        assert_eq!(reason, "start_in_collision", "{command}");
+        assert!(warnings.contains(named), "{command}: {warnings}");
+        for flags in [&["--without-recorded-ego"][..], &["--without", "14503"]] {
+            let (reason, warnings) = run(&[&[command, ego.as_str()], flags].concat());
+            assert_eq!(reason, Value::Null, "{command} {flags:?}");
+            assert!(warnings.contains("obstacle 14503: left out as asked for"), "{command} {flags:?}: {warnings}");
+        }
+        let (reason, warnings) = run(&[command, &other, "--without-recorded-ego"]);
+        assert_eq!(reason, "start_in_collision", "{command}: a car that is not the ego stays");
+        assert!(!warnings.contains("14503"), "{command}: {warnings}");
+    }
+    fails(&place.run(&["plan", &ego, "--without", "7"]), 3, &["--without 7", "ego.xml has no obstacle 7"]);
+    fails(&place.run(&["plan", &ego, "--without", "x"]), 2, &["--without", "the id of an obstacle"]);
+}
+
 #[test]
 fn exit_3_is_an_invalid_vehicle_or_settings_file() {
     let place = Place::new();

@@ -108,6 +108,8 @@ impl Job {
             scenario.overlay(grid, &file.display().to_string());
         }
         let problem = choose(&scenario, args.problem, &file)?;
+        leave_out(&mut scenario, problem, &args.without, args.without_recorded_ego)
+            .map_err(|id| Failure::File(format!("--without {id}: {} has no obstacle {id}", file.display())))?;
         Ok(Self {
             kind,
             file,
@@ -214,6 +216,18 @@ fn choose(scenario: &Scenario, id: Option<i64>, file: &Path) -> Result<usize, Fa
             ids()
         ))),
     }
+}
+
+/// Leaves obstacles out of the scenario. The error is the id of one that it does not have.
+fn leave_out(scenario: &mut Scenario, problem: usize, without: &[i64], without_ego: bool) -> Result<(), i64> {
+    let ego = scenario.recorded_ego(&scenario.problems[problem]).map(|obstacle| obstacle.id).filter(|_| without_ego);
+    if let Some(id) = without.iter().find(|id| !scenario.leave_out(**id)) {
+        return Err(*id);
+    }
+    ego.into_iter().for_each(|id| {
+        scenario.leave_out(id);
+    });
+    Ok(())
 }
 
 /// A vehicle that cannot be read. An unknown name gets the built-in name that it may stand for.

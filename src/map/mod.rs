@@ -9,6 +9,8 @@ mod obstacle;
 mod problem;
 mod shape;
 
+use crate::geometry::wrap_angle;
+
 pub use grid::{Cell, CellBlock, GridError, OccupancyGrid};
 pub use network::{Lanelet, LaneletId, Neighbour, RoadNetwork, StopLine, TrafficLight, TrafficSign};
 pub use obstacle::{Motion, Obstacle, ObstacleKind, TimedOccupancy, TimedPose};
@@ -67,6 +69,43 @@ impl Scenario {
             self.issues.push(Issue { line: 0, element: format!("occupancy grid {file}"), message });
         }
         self.occupancy = Some(grid);
+    }
+
+    /// The obstacle that is exactly where a problem starts, as fast and in the same direction: exports of recordings contain the
+    /// recorded vehicle itself.
+    #[must_use]
+    pub fn recorded_ego(&self, problem: &PlanningProblem) -> Option<&Obstacle> {
+        /// Differences that the rounding of files explains: m, rad, m/s.
+        const ROUNDING: f64 = 0.01;
+        let InitialState { centre, speed, time_step, .. } = &problem.initial;
+        let time = *time_step as f64 * self.time_step;
+        let is_there = |state: &TimedPose| {
+            let to = centre.to_local(state.pose.position);
+            to.coords.norm() < ROUNDING
+                && wrap_angle(state.pose.yaw - centre.yaw).abs() < ROUNDING
+                && (state.speed - speed).abs() < ROUNDING
+        };
+        self.obstacles.iter().find(|obstacle| match &obstacle.motion {
+            Motion::Trajectory(states) => {
+                states.iter().find(|s| (s.time - time).abs() < 0.5 * self.time_step).is_some_and(is_there)
+            }
+            Motion::Static(_) | Motion::Occupancy(_) => false,
+        })
+    }
+
+    /// Leaves an obstacle out, which is an issue. Returns whether there was one with this id.
+    pub fn leave_out(&mut self, id: i64) -> bool {
+        let before = self.obstacles.len();
+        self.obstacles.retain(|obstacle| obstacle.id != id);
+        let was_there = self.obstacles.len() < before;
+        if was_there {
+            self.issues.push(Issue {
+                line: 0,
+                element: format!("obstacle {id}"),
+                message: "left out as asked for".into(),
+            });
+        }
+        was_there
     }
 }
 

@@ -93,6 +93,16 @@ pub(in crate::cli) struct InputArgs {
     #[arg(long, value_name = "ID", allow_negative_numbers = true, value_parser = problem)]
     pub(in crate::cli) problem: Option<i64>,
 
+    /// Leave an obstacle of the scenario out; repeatable
+    #[arg(long, value_name = "ID", allow_negative_numbers = true, value_parser = obstacle)]
+    pub(in crate::cli) without: Vec<i64>,
+
+    /// Leave out the obstacle that is exactly where the planning problem starts, if there is one
+    ///
+    /// Exports of recordings often contain the recorded vehicle itself.
+    #[arg(long)]
+    pub(in crate::cli) without_recorded_ego: bool,
+
     /// How the planner predicts obstacles: recorded (as in the scenario, the default), constant-velocity or lane-following
     #[arg(long, value_name = "MODE", value_parser = prediction, help_heading = "Observation")]
     pub(in crate::cli) prediction: Option<PredictionMode>,
@@ -198,6 +208,11 @@ where
 /// The id of a planning problem.
 fn problem(text: &str) -> Result<i64, String> {
     text.parse().map_err(|_| "expected the id of a planning problem, a whole number".into())
+}
+
+/// The id of an obstacle.
+fn obstacle(text: &str) -> Result<i64, String> {
+    text.parse().map_err(|_| "expected the id of an obstacle, a whole number".into())
 }
 
 /// Checks a fault without injecting it.

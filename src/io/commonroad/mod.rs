@@ -131,7 +131,7 @@ fn scenario(source: &mut Source, root: Node) -> Scenario {
     let network = network::read(source, root);
     let obstacles = obstacle::read_all(source, root, header.time_step);
     let problems = problem::read_all(source, root, &network, header.time_step);
-    Scenario {
+    let scenario = Scenario {
         id: header.id,
         version: header.version,
         time_step: header.time_step,
@@ -140,6 +140,24 @@ fn scenario(source: &mut Source, root: Node) -> Scenario {
         occupancy: None,
         problems,
         issues: Vec::new(),
+    };
+    note_recorded_ego(source, root, &scenario);
+    scenario
+}
+
+/// Adds an issue for each problem that starts where an obstacle is.
+fn note_recorded_ego(source: &mut Source, root: Node, scenario: &Scenario) {
+    for problem in &scenario.problems {
+        let Some(ego) = scenario.recorded_ego(problem) else { continue };
+        let is_ego = |node: &Node| obstacle::ELEMENTS.contains(&node.tag_name().name()) && id_of(*node) == Some(ego.id);
+        let node = root.children().find(is_ego).unwrap_or(root);
+        source.note(
+            node,
+            format!(
+                "is exactly where problem {} starts: the recorded ego? --without-recorded-ego leaves it out",
+                problem.id
+            ),
+        );
     }
 }
 
