@@ -95,7 +95,7 @@ pub fn read_str(name: &str, text: &str) -> Result<Scenario, ReadError> {
         let file = name.to_owned();
         let line = match source {
             roxmltree::Error::NodesLimitReached => return ReadError::TooManyNodes { file, most: MAX_NODES },
-            roxmltree::Error::UnexpectedEndOfStream => text.lines().count().max(1),
+            roxmltree::Error::UnexpectedEndOfStream | roxmltree::Error::UnclosedRootNode => text.lines().count().max(1),
             _ => source.pos().row as usize,
         };
         other_kind(name, text.as_bytes()).unwrap_or(ReadError::NotXml { file, line, source })
