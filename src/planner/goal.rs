@@ -18,6 +18,25 @@ pub struct GoalOnLane {
     pub window: (f64, f64),
 }
 
+/// Driving time before the window of a goal closes at which the vehicle should be there, s: a cycle, and what traffic takes of it.
+const RESERVE: f64 = 0.4;
+
+/// The constant speed that a vehicle has to reach with an acceleration (m/s²) to drive a distance (m) in a time (s), m/s; `None` if that
+/// is impossible. It may be less than the present speed (m/s).
+fn speed_in_time(distance: f64, time: f64, speed: f64, acceleration: f64) -> Option<f64> {
+    if time <= 0.0 {
+        return None;
+    }
+    let ahead = distance - speed * time;
+    if ahead <= 0.0 {
+        return Some(distance / time);
+    }
+    // distance = u t − (u − v)² / 2a: the vehicle is as much behind as it takes to speed up
+    let gain = acceleration * time;
+    let root = gain * gain - 2.0 * acceleration * ahead;
+    (root >= 0.0).then(|| speed + gain - root.sqrt())
+}
+
 /// A goal with a lower speed limit than this (m/s) requires a stop.
 const STOP_SPEED: f64 = 1.0;
 
@@ -67,15 +86,57 @@ impl GoalOnLane {
         self.near + (0.5 * (self.far - self.near)).min(5.0)
     }
 
+    /// The speed that the vehicle has to reach with an acceleration (m/s²) to be in the goal before its time window closes, m/s. `None` if
+    /// it is in the goal or behind it, or too late.
+    #[must_use]
+    pub fn speed_in_time(&self, station: f64, time: f64, speed: f64, acceleration: f64) -> Option<f64> {
+        let distance = (station < self.near).then_some(self.near - station)?;
+        speed_in_time(distance, self.window.1 - RESERVE - time, speed, acceleration)
+    }
+
     /// The speed with which the vehicle reaches the goal from `station` at `time` just after its time window opens, m/s;
     /// infinite if no speed is too early.
     #[must_use]
     pub fn speed_for_window(&self, station: f64, time: f64) -> f64 {
-        let (opens, _) = self.window;
+        /// The vehicle leaves the goal this long after its window opens, s, or in the middle of a short window.
+        const INSIDE: f64 = 0.5;
+        let (opens, closes) = self.window;
         if time >= opens || station >= self.far {
             return f64::INFINITY;
         }
-        // arrive at the far end half a second after the window opens
-        (self.far - station) / (opens + 0.5 - time)
+        (self.far - station) / (opens + INSIDE.min(0.5 * (closes - opens)) - time)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 40 m from 8 m/s with 1.5 m/s²: the distance of the ramp and of the constant speed after it is the one asked for.
+    /// A goal from 88 to 90 m, 10 s ahead: the vehicle is in it while its window is open, however short that is.
+    #[test]
+    fn the_vehicle_is_in_the_goal_while_its_window_is_open() {
+        for open in [0.1, 0.4, 1.0, 5.0] {
+            let goal = GoalOnLane { near: 88.0, far: 90.0, speed_limit: f64::INFINITY, window: (10.0, 10.0 + open) };
+            let speed = goal.speed_for_window(0.0, 0.0);
+            let (enters, leaves) = (goal.near / speed, goal.far / speed);
+            assert!(leaves > 10.0 && enters < 10.0 + open, "{open} s: from {enters} s to {leaves} s");
+            assert_eq!(goal.speed_for_window(0.0, 10.0), f64::INFINITY, "it is open");
+            assert_eq!(goal.speed_for_window(90.0, 0.0), f64::INFINITY, "behind it");
+        }
+    }
+
+    #[test]
+    fn the_speed_in_time_drives_the_distance_in_the_time() {
+        for (time, speed) in [(3.9, 8.0), (4.2, 8.0), (4.9, 8.0), (12.0, 0.0), (8.0, 0.0)] {
+            let (distance, acceleration) = (40.0, 1.5);
+            let needed = speed_in_time(distance, time, speed, acceleration).unwrap();
+            let ramp = (needed - speed).max(0.0) / acceleration;
+            let driven = 0.5 * (speed + needed) * ramp + needed * (time - ramp);
+            assert!((driven - distance).abs() < 1e-9 && ramp <= time + 1e-9, "{time} s: {needed} m/s, {driven} m");
+        }
+        assert_eq!(speed_in_time(40.0, 8.0, 8.0, 1.5), Some(5.0), "it has time");
+        assert_eq!(speed_in_time(40.0, 3.0, 8.0, 1.5), None, "8 · 3 + 1.5 · 9 / 2 = 30.75 m");
+        assert_eq!(speed_in_time(40.0, 0.0, 8.0, 1.5), None, "the window is closed");
     }
 }

@@ -141,7 +141,8 @@ impl Planner<'_> {
             search_share: SEARCH_SHARE,
             speed_factor: 1.0,
             top_speed: self.vehicle.limits.speed,
-            time_gap: self.settings.time_gap,
+            // a gap is a wish, less than the goal
+            time_gap: if self.haste.is_some() { SHORT_GAP } else { self.settings.time_gap },
             junctions_kept_free: true,
             lateral_limit: LATERAL_HEADROOM * comfort.lateral_acceleration,
             robust: false,
@@ -157,6 +158,9 @@ impl Planner<'_> {
             ..in_junction
         };
         let mut levels = vec![first, short_gap, in_junction, no_margin];
+        if self.haste.is_some() {
+            levels.remove(1);
+        }
         levels.extend(self.emergency_levels(&self.limits, least));
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
             levels.retain(|l| l.level.is_as_safe_as(committed.level));

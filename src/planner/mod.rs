@@ -104,6 +104,8 @@ pub struct Planner<'m> {
     /// What the driven trajectory used of the grip.
     driven: Driven,
     cruise: f64,
+    /// The speed that the goal requires in this cycle, if it is more than the traffic gives now, m/s.
+    haste: Option<f64>,
     /// Time of the last cycle, s of the run.
     time: f64,
 }
@@ -204,6 +206,7 @@ impl<'m> Planner<'m> {
             committed: None,
             driven: Driven::default(),
             cruise: settings.cruise_speed,
+            haste: None,
             time: f64::NEG_INFINITY,
         })
     }
@@ -239,6 +242,7 @@ impl<'m> Planner<'m> {
         let start = self.start(state);
         self.record_use(&start, state.time);
         self.follow_route(&start);
+        self.haste = self.haste(&start);
         let mut record = CycleRecord::default();
         // no plan can prevent a contact during the lead, and a vehicle that skids or rolls backwards follows no plan
         let is_hopeless = start.lead_contact.is_some() || start.is_astray;
@@ -411,6 +415,21 @@ impl<'m> Planner<'m> {
         None
     }
 
+    /// The speed that the goal requires of a vehicle that does not have it: what it drives after a second of comfortable acceleration is
+    /// too slow. `None` if the goal is not in the lane, has no haste, or asks for more than the cruise speed by more than [`HASTE`].
+    fn haste(&self, start: &Start) -> Option<f64> {
+        let p = &start.point;
+        let acceleration = self.vehicle.comfort.acceleration;
+        let lanes = self.lanes.as_ref().ok()?.iter();
+        let needed = lanes.filter_map(|lane| {
+            let station = lane.reference.project(p.pose.position).s;
+            lane.goal?.speed_in_time(station, p.time, p.speed, acceleration)
+        });
+        let needed = needed.reduce(f64::min)?;
+        let soon = self.cruise.min(p.speed + acceleration);
+        (needed > SLACK * soon && needed <= HASTE * self.cruise).then_some(needed)
+    }
+
     fn situation<'s>(&'s self, start: &Start, lane: &'s Lane, level: LevelLimits) -> Situation<'s> {
         Situation {
             vehicle: &self.vehicle,
@@ -424,7 +443,7 @@ impl<'m> Planner<'m> {
             station: lane.reference.project(start.point.pose.position).s,
             time: start.point.time,
             speed: if start.point.speed < STANDSTILL_SPEED { 0.0 } else { start.point.speed },
-            cruise: self.cruise * level.speed_factor,
+            cruise: self.cruise.max(self.haste.unwrap_or(0.0)) * level.speed_factor,
             acceleration: level.acceleration,
             braking: level.braking,
             horizon: self.known.horizon,
@@ -479,6 +498,10 @@ impl<'m> Planner<'m> {
     }
 }
 
+/// Share of the speed in a second that a goal may require without haste.
+const SLACK: f64 = 0.9;
+/// Largest cruise speed in haste, as a factor on the one without. Limits of the road hold besides.
+const HASTE: f64 = 1.3;
 /// Friction of dry asphalt, as a factor.
 const DRY: f64 = 1.0;
 /// A run with more remaining time than this can reach the end of a road that ends ahead, s.

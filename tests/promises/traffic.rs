@@ -83,6 +83,26 @@ fn a_vehicle_close_behind_a_leader_does_not_close_in() {
     }
 }
 
+/// The window of the goal closes soon: the vehicle drives faster than its cruise speed, if that is enough, and not for a goal that it
+/// cannot reach in time.
+#[test]
+fn a_goal_whose_window_closes_soon_is_hurried_for() {
+    let cruise = stopline::planner::Settings::default().cruise_speed;
+    // 167 m to the goal, 12.0 s at the cruise speed
+    for (closes, in_time, fastest) in [(13.5, true, cruise), (11.4, true, 1.15 * cruise), (6.0, false, cruise)] {
+        let mut scenario = scene(lanes(3.5, false), cruise, Vec::new());
+        scenario.problems[0].goals[0].time = Interval { min: 0.0, max: closes };
+        scenario.network.lanelets.values_mut().for_each(|lanelet| lanelet.speed_limit = None);
+        let run = driven(&scenario, &VEHICLE);
+        let case = format!("{closes} s");
+        assert_eq!(broken_claims(&run, &case), [""; 0]);
+        assert_eq!(run.outcome == Outcome::GoalReached, in_time, "{case}: {:?}", check(&run, "goal"));
+        let top = run.log.samples.iter().map(|s| s.speed).fold(0.0, f64::max);
+        assert!(top < fastest + 0.2, "{case}: {top} m/s");
+        assert_eq!(unproven(&run), 0, "{case}");
+    }
+}
+
 /// A follower that does not brake leaves no stop that could be proven; one that brakes does. Full braking would be answered by a contact from behind: the
 /// vehicle goes on with the traffic, and brakes with the leader.
 #[test]
