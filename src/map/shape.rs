@@ -35,6 +35,21 @@ pub enum Part {
     },
 }
 
+impl Part {
+    /// Its centre; of a polygon, the mean of its vertices.
+    #[must_use]
+    pub fn middle(&self) -> Point {
+        match self {
+            Self::Rectangle { centre, .. } => centre.position,
+            Self::Circle { centre, .. } => *centre,
+            Self::Polygon { vertices } => {
+                let sum = vertices.iter().fold(Vector::zeros(), |sum, p| sum + p.coords);
+                Point::from(sum / vertices.len().max(1) as f64)
+            }
+        }
+    }
+}
+
 /// A convex piece for collision queries.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ConvexPart {

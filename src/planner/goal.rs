@@ -1,8 +1,9 @@
 //! The goal of a planning problem in the coordinates of a reference line.
 
 use crate::geometry::steps::fitting;
+use crate::geometry::{Pose, wrap_angle};
 use crate::map::{Goal, GoalPosition, RoadNetwork};
-use crate::reference::ReferenceLine;
+use crate::reference::{Frenet, ReferenceLine, Via};
 use crate::vehicle::Vehicle;
 
 /// The goal on a reference line: stations, speed and time window.
@@ -35,6 +36,30 @@ fn speed_in_time(distance: f64, time: f64, speed: f64, acceleration: f64) -> Opt
     let gain = acceleration * time;
     let root = gain * gain - 2.0 * acceleration * ahead;
     (root >= 0.0).then(|| speed + gain - root.sqrt())
+}
+
+/// A goal whose middle is farther from the line is in another lane, m; half the width of a lane.
+const BESIDE: f64 = 1.75;
+/// Offsets tried to either side.
+const STEPS: i32 = 35;
+/// Distance from the border of a goal, if it is wide enough, m: tracking errors, and nodes beside the line.
+const OFFSET_RESERVE: f64 = 0.3;
+/// The same for headings, rad.
+const HEADING_RESERVE: f64 = 0.03;
+/// Largest heading relative to the lane, rad.
+const STEEPEST: f64 = 0.12;
+/// Length before and behind the place with its offset, m.
+const HOLDS: f64 = 2.0;
+/// Length of a lateral displacement of 1 m, m: at 14 m/s its lateral acceleration is 1 m/s² (the peak of the quintic's second derivative is
+/// 5.77); it grows with the square root of the displacement.
+const FADES: f64 = 33.0;
+/// Shortest such length, m.
+const SHORTEST_FADE: f64 = 15.0;
+
+/// The value nearest to 0 inside an interval, with a reserve to its ends if it is wide enough; `None` if it is empty.
+fn nearest_inside(low: f64, high: f64, reserve: f64) -> Option<f64> {
+    let reserve = reserve.min(0.5 * (high - low));
+    (low <= high).then(|| 0.0_f64.max(low + reserve).min(high - reserve))
 }
 
 /// A goal with a lower speed limit than this (m/s) requires a stop.
@@ -70,6 +95,38 @@ impl GoalOnLane {
             far,
             speed_limit: goal.speed.map_or(f64::INFINITY, |s| s.max),
             window: (goal.time.min, goal.time.max),
+        })
+    }
+
+    /// The place beside the reference line that it has to lead through so that the vehicle meets the goal: as near to the line, and as
+    /// parallel to it, as the position and the heading of the goal permit. `None` if the line does, if the goal is in another lane, or has
+    /// no shape.
+    #[must_use]
+    pub fn beside(goal: &Goal, line: &ReferenceLine, vehicle: &Vehicle) -> Option<Via> {
+        let Some(GoalPosition::Shapes(shape)) = &goal.position else { return None };
+        shape.parts.iter().find_map(|part| {
+            let Frenet { s, l } = line.project(part.middle());
+            let to_centre = vehicle.centre_of_rear_axle(&Pose::new(0.0, 0.0, 0.0)).position.x;
+            let station = s - to_centre;
+            if l.abs() > BESIDE || !(0.0..=line.length()).contains(&station) {
+                return None;
+            }
+            let is_inside = |offset: &f64| {
+                let pose = line.offset_pose(station, *offset).map(|p| vehicle.centre_of_rear_axle(&p.pose));
+                pose.is_some_and(|centre| shape.contains(centre.position))
+            };
+            let inside = (-STEPS..=STEPS).map(|i| f64::from(i) * BESIDE / f64::from(STEPS)).filter(is_inside);
+            let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), l| (a.min(l), b.max(l)));
+            let offset = nearest_inside(low, high, OFFSET_RESERVE)?;
+            let heading = goal.yaw.map_or(Some(0.0), |yaw| {
+                let half = 0.5 * (yaw.max - yaw.min);
+                let middle = wrap_angle(f64::midpoint(yaw.min, yaw.max) - line.at(station).pose.yaw);
+                nearest_inside(middle - half, middle + half, HEADING_RESERVE)
+            })?;
+            let heading = heading.clamp(-STEEPEST, STEEPEST);
+            let aside = offset.abs() + 3.0 * heading.abs();
+            let fades = (FADES * aside.sqrt()).max(SHORTEST_FADE);
+            (aside > 0.0).then_some(Via { station, offset, heading, holds: HOLDS, fades })
         })
     }
 

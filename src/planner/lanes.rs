@@ -122,7 +122,9 @@ impl Lane {
     fn new(network: &RoadNetwork, goals: &[Goal], vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
         let settings = crate::reference::ReferenceSettings::default();
         let lanelets = joined(network, &option.lanelets);
-        let reference = ReferenceLine::new(network, lanelets, vehicle.width, &settings).ok()?;
+        let middle = ReferenceLine::new(network, lanelets, vehicle.width, &settings).ok()?;
+        let via = goals.iter().find_map(|g| GoalOnLane::beside(g, &middle, vehicle));
+        let reference = via.and_then(|via| middle.led_through(&via)).unwrap_or(middle);
         let goal = goals.iter().find_map(|g| GoalOnLane::find(g, network, &reference, vehicle));
         let is_current = option.side == Side::Current;
         let count = fitting(reference.length(), 2.0);

@@ -83,6 +83,26 @@ fn a_vehicle_close_behind_a_leader_does_not_close_in() {
     }
 }
 
+/// Goals beside the middle of the lane, on either side, and turned a little: the vehicle drives there and meets them.
+#[test]
+fn a_goal_beside_the_middle_of_the_lane_is_driven_to() {
+    for (beside, turned) in [(0.9, 0.0), (0.6, 0.08), (0.4, 0.0)] {
+        let ends = [1.0, -1.0].map(|side| {
+            let mut scenario = scene(lanes(4.5, false), 10.0, Vec::new());
+            let goal = &mut scenario.problems[0].goals[0];
+            let at = Pose::new(START + 100.0, side * beside, side * turned);
+            goal.position = Some(GoalPosition::Shapes(Shape::rectangle(4.0, 0.8).moved(&at)));
+            goal.yaw = Some(Interval { min: at.yaw - 0.08, max: at.yaw + 0.08 });
+            let run = driven(&scenario, &VEHICLE);
+            let case = format!("{beside} m, {turned} rad, side {side}");
+            assert_eq!(broken_claims(&run, &case), [""; 0]);
+            assert_eq!((run.outcome, unproven(&run)), (Outcome::GoalReached, 0), "{case}: {:?}", check(&run, "goal"));
+            side * run.log.samples[run.log.samples.len() - 1].pose.position.y
+        });
+        assert!((ends[0] - ends[1]).abs() < 1e-3, "{beside} m, {turned} rad: {ends:?}");
+    }
+}
+
 /// The window of the goal closes soon: the vehicle drives faster than its cruise speed, if that is enough, and not for a goal that it
 /// cannot reach in time.
 #[test]
