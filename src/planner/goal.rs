@@ -99,8 +99,8 @@ impl GoalOnLane {
     }
 
     /// The place beside the reference line that it has to lead through so that the vehicle meets the goal: as near to the line, and as
-    /// parallel to it, as the position and the heading of the goal permit. `None` if the line does, if the goal is in another lane, or has
-    /// no shape.
+    /// parallel to it, as the position and the heading of the goal permit. `None` if the line does, if the vehicle would not be in the lane
+    /// there, or the goal has no shape.
     #[must_use]
     pub fn beside(goal: &Goal, line: &ReferenceLine, vehicle: &Vehicle) -> Option<Via> {
         let Some(GoalPosition::Shapes(shape)) = &goal.position else { return None };
@@ -117,7 +117,10 @@ impl GoalOnLane {
             };
             let inside = (-STEPS..=STEPS).map(|i| f64::from(i) * BESIDE / f64::from(STEPS)).filter(is_inside);
             let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), l| (a.min(l), b.max(l)));
-            let offset = nearest_inside(low, high, OFFSET_RESERVE)?;
+            let (left, right) = line.lane_bounds(station);
+            let is_in_lane =
+                |offset: &f64| offset + 0.5 * vehicle.width <= left && 0.5 * vehicle.width - offset <= right;
+            let offset = nearest_inside(low, high, OFFSET_RESERVE).filter(is_in_lane)?;
             let heading = goal.yaw.map_or(Some(0.0), |yaw| {
                 let half = 0.5 * (yaw.max - yaw.min);
                 let middle = wrap_angle(f64::midpoint(yaw.min, yaw.max) - line.at(station).pose.yaw);
