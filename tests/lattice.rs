@@ -52,6 +52,7 @@ fn searched_with(
         max_curvature,
         full_speed_curvature,
         half_width,
+        target: None,
     };
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };
     Lattice::new(Settings::default()).unwrap().search(&context, &root, speed, horizon, &mut EdgeStore::default())

@@ -79,6 +79,7 @@ fn a_lattice_refuses_wrong_settings() {
         max_curvature: VEHICLE.max_curvature(),
         full_speed_curvature: f64::INFINITY,
         half_width: 0.5 * VEHICLE.width,
+        target: None,
     };
     let start = reference.offset_pose(10.0, 0.0).unwrap().pose;
     let root = Root { pose: start, curvature: 0.0, kept: vec![], start, allowance: Allowance::NONE };

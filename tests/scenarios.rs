@@ -16,7 +16,7 @@ use stopline::io::commonroad::read_file;
 
 /// Least number of scenarios in which the goal is reached: two less than on the developers' machine, whose last digits of sines may
 /// differ from others.
-const GOALS: usize = 63;
+const GOALS: usize = 65;
 /// Largest number of runs with a contact, without those that start in one: one more than on that machine.
 const CONTACTS: usize = 3;
 /// Largest number of runs with a fallback that does not hold: likewise.

@@ -26,6 +26,8 @@ pub struct Weights {
     pub plan_change: f64,
     /// Per lane change that the route still needs, m.
     pub lane_change: f64,
+    /// For a path that passes the place of the goal without meeting its position and heading, m.
+    pub missed_target: f64,
     /// Per metre of progress less than unobstructed driving, beyond `curve_slowdown`.
     pub travel_time: f64,
 }
@@ -33,7 +35,7 @@ pub struct Weights {
 impl Weights {
     /// Every weight with its key in the settings.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 10] {
+    pub fn named(&self) -> [(&'static str, f64); 11] {
         [
             ("planner.lattice.weights.offset", self.offset),
             ("planner.lattice.weights.curvature", self.curvature),
@@ -44,6 +46,7 @@ impl Weights {
             ("planner.lattice.weights.progress_shortfall", self.progress_shortfall),
             ("planner.lattice.weights.plan_change", self.plan_change),
             ("planner.lattice.weights.lane_change", self.lane_change),
+            ("planner.lattice.weights.missed_target", self.missed_target),
             ("planner.lattice.weights.travel_time", self.travel_time),
         ]
     }
@@ -76,6 +79,7 @@ impl Default for Weights {
             progress_shortfall: 0.6,
             plan_change: 1.5,
             lane_change: 12.0,
+            missed_target: 12.0,
             travel_time: 1.0,
         }
     }
@@ -100,6 +104,8 @@ pub struct CostTerms {
     pub plan_change: f64,
     /// Lane changes that the route still needs.
     pub lane_change: f64,
+    /// The place of the goal, passed without meeting it.
+    pub missed_target: f64,
     /// Progress less than unobstructed driving, beyond `curve_slowdown`. Known only after the speed search.
     pub travel_time: f64,
 }
@@ -107,7 +113,7 @@ pub struct CostTerms {
 impl CostTerms {
     /// Every term with its name in reports.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 9] {
+    pub fn named(&self) -> [(&'static str, f64); 10] {
         [
             ("offset", self.offset),
             ("curvature", self.curvature),
@@ -117,6 +123,7 @@ impl CostTerms {
             ("progress_shortfall", self.progress_shortfall),
             ("plan_change", self.plan_change),
             ("lane_change", self.lane_change),
+            ("missed_target", self.missed_target),
             ("travel_time", self.travel_time),
         ]
     }
@@ -132,6 +139,7 @@ impl CostTerms {
             + self.progress_shortfall
             + self.plan_change
             + self.lane_change
+            + self.missed_target
             + self.travel_time
     }
 
@@ -154,6 +162,7 @@ impl CostTerms {
             progress_shortfall: self.progress_shortfall + other.progress_shortfall,
             plan_change: self.plan_change + other.plan_change,
             lane_change: self.lane_change + other.lane_change,
+            missed_target: self.missed_target + other.missed_target,
             travel_time: self.travel_time + other.travel_time,
         }
     }
@@ -202,6 +211,7 @@ mod tests {
             &mut terms.progress_shortfall,
             &mut terms.plan_change,
             &mut terms.lane_change,
+            &mut terms.missed_target,
             &mut terms.travel_time,
         ]
         .into_iter()
@@ -209,9 +219,9 @@ mod tests {
         {
             *term = f64::from(1 << i);
         }
-        assert_eq!(terms.total(), 511.0);
-        assert_eq!(terms.named().map(|t| t.1).iter().sum::<f64>(), 511.0);
+        assert_eq!(terms.total(), 1023.0);
+        assert_eq!(terms.named().map(|t| t.1).iter().sum::<f64>(), 1023.0);
         assert_eq!(terms.plus(&terms).named().map(|t| t.1), terms.named().map(|t| 2.0 * t.1));
-        assert_eq!((rank(1.0), rank(1.0 + 4e-7), terms.rank()), (1_000_000, 1_000_000, 511_000_000));
+        assert_eq!((rank(1.0), rank(1.0 + 4e-7), terms.rank()), (1_000_000, 1_000_000, 1_023_000_000));
     }
 }

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use super::cost::{CostTerms, Weights};
 use super::counts::NoEdge;
 use super::curve_slowdown::{CurvatureSamples, SAMPLES};
-use super::{LatticeContext, Node, Root, Settings};
+use super::{LatticeContext, Node, Root, Settings, Target};
 use crate::collision::{Allowance, Blocker, Clearance, StaticHit, Sweep};
 use crate::geometry::spiral::{CubicSpiral, PathPoint, connect};
 use crate::geometry::spiral_opt::{Method, connect_bounded};
@@ -50,6 +50,8 @@ pub(super) struct KeptPrefix {
     pub(super) sweeps: Vec<Arc<Sweep>>,
     pub(super) length: f64,
     hit: Option<StaticHit>,
+    /// What it costs if the prefix misses the target.
+    pub(super) missed_target: f64,
     /// Clearance of the prefix; the clearance of a path is the minimum over its parts.
     clearance: Clearance,
     /// Relaxation of the checks, in stations of the edge.
@@ -62,6 +64,7 @@ impl KeptPrefix {
         sweeps: Vec::new(),
         length: 0.0,
         hit: None,
+        missed_target: 0.0,
         clearance: Clearance { obstacle: f64::INFINITY, road: f64::INFINITY },
         allowance: Allowance::NONE,
     };
@@ -73,6 +76,7 @@ impl KeptPrefix {
         let desired = weights.desired_clearance;
         Self {
             length,
+            missed_target: missed_target(context, root, weights),
             hit: probe.as_mut().and_then(|probe| probe.static_hit(&context.margins, &root.allowance)),
             clearance: probe.map_or(Self::EMPTY.clearance, |mut probe| probe.clearance(desired)),
             sweeps: path.iter().map(|path| Arc::new(context.world.sweep_path(path))).collect(),
@@ -197,6 +201,7 @@ pub(super) fn unchecked_terms(
     let mut terms = CostTerms { curvature: w.curvature * spiral.bending_energy(), ..CostTerms::default() };
     let mut curvatures = [(0.0, 0.0); COST_SAMPLES];
     let spacing = spiral.length / COST_SAMPLES as f64;
+    let mut before = begins;
     for ((station, point), curvature) in spiral.samples(start, COST_SAMPLES).skip(1).zip(&mut curvatures) {
         let hint = begins + (ends - begins) * station / spiral.length;
         let Frenet { s, l } = context.reference.project_near(point.pose.position, hint);
@@ -205,8 +210,33 @@ pub(super) fn unchecked_terms(
         let over = (l + context.half_width - left).max(context.half_width - l - right).max(0.0);
         terms.lane_deviation += w.lane_deviation * spacing * over;
         *curvature = (point.curvature, context.reference.at(s).curvature);
+        let passed = context.target.and_then(|target| Some((target, target.passed_between(before, s)?)));
+        if let Some((target, share)) = passed {
+            let there = spiral.point_at(start, station - (1.0 - share) * spacing).pose;
+            terms.missed_target += if is_met(context, &target, &there) { 0.0 } else { w.missed_target };
+        }
+        before = s;
     }
     (terms, CurvatureSamples::new(curvatures))
+}
+
+/// Whether a pose of the rear axle beside the target is in it.
+fn is_met(context: &LatticeContext<'_>, target: &Target, pose: &Pose) -> bool {
+    let Frenet { s, l } = context.reference.project_near(pose.position, target.station);
+    target.contains(l, wrap_angle(pose.yaw - context.reference.at(s).pose.yaw))
+}
+
+/// What it costs if the kept prefix before a root misses the target.
+fn missed_target(context: &LatticeContext<'_>, root: &Root, w: &Weights) -> f64 {
+    let begins = context.reference.project(root.start.position).s;
+    let mut at = (root.start, begins);
+    root.kept.iter().fold(0.0, |sum, spiral| {
+        let end = spiral.end(&at.0);
+        let ends = context.reference.project_near(end.position, at.1 + spiral.length).s;
+        let (terms, _) = unchecked_terms(context, &at.0, spiral, (at.1, ends), w);
+        at = (end, ends);
+        sum + terms.missed_target
+    })
 }
 
 /// Edges to nodes within this offset may slide sideways if the curvature bound is active, m: a tight corner needs some path,

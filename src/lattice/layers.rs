@@ -6,12 +6,73 @@
 //! layers alternate as the vehicle moves. Where the reference line turns by more than [`Settings::max_turn`] between two
 //! layers, the gap is halved until it turns less or is one grid step.
 
-use super::Settings;
+use std::sync::Arc;
+
+use super::{LatticeContext, Node, Settings, nodes};
 use crate::geometry::wrap_angle;
 use crate::reference::ReferenceLine;
 
-/// Indices of stations, in multiples of [`Settings::grid`], of the layers ahead of station `here`, nearest first.
-pub(super) fn ahead(reference: &ReferenceLine, here: f64, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
+/// What a layer is fixed to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum LayerId {
+    /// A multiple of [`Settings::grid`].
+    Grid(i64),
+    /// The target.
+    Target,
+}
+
+impl LayerId {
+    /// The station of a layer of the grid, m.
+    pub(super) fn station(self, settings: &Settings) -> Option<f64> {
+        match self {
+            Self::Grid(index) => Some(index as f64 * settings.grid),
+            Self::Target => None,
+        }
+    }
+}
+
+/// A layer.
+#[derive(Debug, Clone)]
+pub(super) struct Layer {
+    pub(super) id: LayerId,
+    /// m.
+    pub(super) station: f64,
+    /// From right to left; at a target, its nodes behind all others.
+    pub(super) nodes: Arc<[Node]>,
+}
+
+/// The layers ahead of station `here`, nearest first: those of the grid, and that of a target beside the reference line instead of the
+/// ones next to it.
+pub(super) fn ahead(
+    context: &LatticeContext<'_>,
+    here: f64,
+    speed: f64,
+    horizon: f64,
+    settings: &Settings,
+) -> Vec<Layer> {
+    let everywhere: Arc<[Node]> = nodes(settings).into();
+    let on_grid = |index: i64| {
+        let (id, nodes) = (LayerId::Grid(index), Arc::clone(&everywhere));
+        Layer { id, station: index as f64 * settings.grid, nodes }
+    };
+    let mut layers: Vec<Layer> =
+        on_grid_ahead(context.reference, here, speed, horizon, settings).into_iter().map(on_grid).collect();
+    let (nearest, farthest) = (here + NEAREST_TARGET * settings.min_edge_length, here + horizon);
+    if let Some(target) = context.target.filter(|t| (nearest..=farthest).contains(&t.station) && !t.contains(0.0, 0.0))
+    {
+        layers.retain(|layer| (layer.station - target.station).abs() >= settings.min_edge_length);
+        let nodes = everywhere.iter().copied().chain(target.nodes()).collect();
+        layers.push(Layer { id: LayerId::Target, station: target.station, nodes });
+        layers.sort_by(|a, b| a.station.total_cmp(&b.station));
+    }
+    layers
+}
+
+/// Smallest distance from the vehicle to the layer of the target, as a share of the least length of an edge: nothing nearer leads there.
+const NEAREST_TARGET: f64 = 0.5;
+
+/// Indices of stations, in multiples of [`Settings::grid`], of the layers of the grid ahead of station `here`, nearest first.
+fn on_grid_ahead(reference: &ReferenceLine, here: f64, speed: f64, horizon: f64, settings: &Settings) -> Vec<i64> {
     let target = (speed * settings.edge_time).clamp(settings.min_edge_length, settings.max_edge_length);
     let (stride, phase) = spacing(target, settings);
     let farthest = (here + horizon).min(reference.length());
@@ -87,7 +148,7 @@ mod tests {
     fn one_speed_has_at_most_four_sets_of_layers() {
         let (line, settings) = (straight_road(300.0), Settings::default());
         for speed in [0.0, 3.0, 8.0, 13.9, 20.0, 25.0, 40.0] {
-            let cycles = (0..200).map(|i| ahead(&line, 10.0 + 0.7 * f64::from(i), speed, 100.0, &settings));
+            let cycles = (0..200).map(|i| on_grid_ahead(&line, 10.0 + 0.7 * f64::from(i), speed, 100.0, &settings));
             let pairs: BTreeSet<(i64, i64)> =
                 cycles.flat_map(|c| c.windows(2).map(|w| (w[0], w[1])).collect::<Vec<_>>()).collect();
             let mut starts_in_stride = BTreeSet::new();
@@ -114,7 +175,7 @@ mod tests {
         let (line, settings) = (straight_road(400.0), Settings::default());
         for i in 0..400 {
             let (here, speed) = (0.31 * f64::from(i), 0.1 * f64::from(i % 300));
-            let layers = metres(&ahead(&line, here, speed, 100.0, &settings), &settings);
+            let layers = metres(&on_grid_ahead(&line, here, speed, 100.0, &settings), &settings);
             let target = (speed * settings.edge_time).clamp(settings.min_edge_length, settings.max_edge_length);
             assert!(
                 (target - 1e-4..target + 10.0).contains(&(layers[0] - here)),
@@ -131,7 +192,7 @@ mod tests {
         let (line, settings) = (straight_road(300.0), Settings::default());
         // 8 m beyond 12 m is the grid station of 20 m
         for off in [-1e-7, 0.0, 1e-7] {
-            assert_eq!(ahead(&line, 12.0 + off, 0.0, 60.0, &settings)[0], 4, "{off}");
+            assert_eq!(on_grid_ahead(&line, 12.0 + off, 0.0, 60.0, &settings)[0], 4, "{off}");
         }
     }
 
@@ -140,13 +201,13 @@ mod tests {
         let settings = Settings::default();
         // straight 40 m, a quarter circle of 10 m radius, straight
         let line = bent_road(40.0, 10.0);
-        let layers = metres(&ahead(&line, 0.0, 6.0, 100.0, &settings), &settings);
+        let layers = metres(&on_grid_ahead(&line, 0.0, 6.0, 100.0, &settings), &settings);
         let gaps: Vec<(f64, f64)> = layers.windows(2).map(|w| (w[0], w[1] - w[0])).collect();
         let in_bend = |s: &f64| (40.0..50.0).contains(s);
         assert!(gaps.iter().any(|(s, gap)| in_bend(s) && *gap == 5.0), "{gaps:?}");
         assert!(gaps.iter().filter(|(s, _)| *s < 25.0 || *s > 65.0).all(|(_, gap)| *gap == 10.0), "{gaps:?}");
         // before the curve the first layer is nearer than on a straight road, but not nearer than the shortest edge
-        let nearest = |here: f64| ahead(&line, here, 12.0, 100.0, &settings)[0] as f64 * settings.grid - here;
+        let nearest = |here: f64| on_grid_ahead(&line, here, 12.0, 100.0, &settings)[0] as f64 * settings.grid - here;
         assert!(nearest(38.0) < 12.0 * settings.edge_time && nearest(38.0) >= settings.min_edge_length);
         assert!(nearest(2.0) >= 12.0 * settings.edge_time);
     }
@@ -156,8 +217,8 @@ mod tests {
         let settings = Settings::default();
         let line = straight_road(103.0);
         for here in [93.0, 96.0, 98.5] {
-            assert_eq!(ahead(&line, here, 2.0, 100.0, &settings), [20], "from {here} m");
+            assert_eq!(on_grid_ahead(&line, here, 2.0, 100.0, &settings), [20], "from {here} m");
         }
-        assert_eq!(ahead(&line, 99.5, 2.0, 100.0, &settings), Vec::<i64>::new());
+        assert_eq!(on_grid_ahead(&line, 99.5, 2.0, 100.0, &settings), Vec::<i64>::new());
     }
 }

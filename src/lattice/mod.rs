@@ -11,6 +11,9 @@
 //! If the curvature bound is active on an edge from the vehicle, the edge may end beside its node: a convex program slides
 //! its end sideways as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
 //!
+//! Paths can be asked to lead through a set of poses beside the reference line, a [`Target`]: it has a layer of its own, with nodes in
+//! the set.
+//!
 //! Edges do not depend on the speed. The present speed enters as the cost term [`CostTerms::curve_slowdown`]: the distance
 //! lost by driving a curve at the speed that its curvature permits. So paths that the vehicle can drive at its present speed
 //! are cheaper, and tighter ones are still available where no other path is free.
@@ -29,11 +32,13 @@ mod layers;
 pub mod refine;
 mod search;
 mod store;
+mod target;
 
 pub use cost::{CostTerms, Weights, rank};
 pub use counts::EdgeCounts;
 pub(crate) use edges::OFFSET_SATURATES;
 pub use store::EdgeStore;
+pub use target::Target;
 
 use std::sync::Arc;
 
@@ -206,6 +211,8 @@ pub struct LatticeContext<'a> {
     pub full_speed_curvature: f64,
     /// Half of the vehicle's width, m.
     pub half_width: f64,
+    /// The place that paths are to lead through, if there is one; always the same for one [`EdgeStore`].
+    pub target: Option<Target>,
 }
 
 /// Result of a search.
@@ -259,8 +266,8 @@ impl Lattice {
         }
         store.drop_before(context.reference.project(root.start.position).s - KEPT_BEHIND, settings);
         let here = context.reference.project(root.pose.position).s;
-        let stations = layers::ahead(context.reference, here, speed, horizon, settings);
-        let result = search::Search::new(context, root, &stations, horizon, settings, store).run();
+        let layers = layers::ahead(context, here, speed, horizon, settings);
+        let result = search::Search::new(context, root, layers, horizon, settings, store).run();
         store.recent.keep(query, &result);
         result
     }
@@ -287,7 +294,7 @@ impl Node {
     }
 }
 
-/// The nodes of a layer, from right to left; the same for every layer.
+/// The nodes of any layer, from right to left.
 fn nodes(settings: &Settings) -> Vec<Node> {
     #[allow(clippy::cast_possible_truncation)] // validated: at most 100
     let count = (settings.offset_limit / settings.offset_spacing).floor() as i64;

@@ -21,8 +21,9 @@ use rayon::prelude::*;
 use super::cost::{CostTerms, rank};
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::{Edge, KeptPrefix};
+use super::layers::Layer;
 use super::store::{CheckedEdges, NodeEdges};
-use super::{LatticeContext, LatticePath, Node, Root, SearchResult, Settings};
+use super::{LatticeContext, LatticePath, Root, SearchResult, Settings};
 use crate::trajectory::Path;
 
 /// Maximum number of candidates with the same first node, so that the speed search has different starts.
@@ -87,7 +88,8 @@ pub(super) struct Search<'a> {
     root: &'a Root,
     settings: &'a Settings,
     horizon: f64,
-    nodes: Vec<Node>,
+    /// The layers ahead, nearest first.
+    ahead: Vec<Layer>,
     before: KeptPrefix,
     /// The edges into each layer.
     layers: Vec<Vec<Incoming>>,
@@ -95,26 +97,26 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    /// Creates all edges between the layers and from the root, unchecked. `stations`: see [`super::layers::ahead`].
+    /// Creates all edges between the layers and from the root, unchecked. `ahead`: see [`super::layers::ahead`].
     pub(super) fn new(
         context: &'a LatticeContext<'a>,
         root: &'a Root,
-        stations: &[i64],
+        ahead: Vec<Layer>,
         horizon: f64,
         settings: &'a Settings,
         store: &mut CheckedEdges,
     ) -> Self {
-        let (nodes, before) = (super::nodes(settings), KeptPrefix::root(context, root, &settings.weights));
-        let mut search =
-            Self { context, root, settings, horizon, nodes, before, layers: Vec::new(), counts: EdgeCounts::default() };
-        for (i, station) in stations.iter().enumerate() {
+        let before = KeptPrefix::root(context, root, &settings.weights);
+        let (layers, counts) = (Vec::with_capacity(ahead.len()), EdgeCounts::default());
+        let mut search = Self { context, root, settings, horizon, ahead, before, layers, counts };
+        for i in 0..search.ahead.len() {
             let mut incoming = Vec::new();
             if i > 0 {
-                search.extend_from_layer((stations[i - 1], *station), store, &mut incoming);
+                search.extend_from_layer(i, store, &mut incoming);
             }
             // long edges directly from the root: a gentle lane change takes more than one layer distance
             if i < settings.root_layers.max(1) {
-                let from_root = search.root_edges(*station, store);
+                let from_root = search.root_edges(i, store);
                 search.counts.solved += from_root.edges.len();
                 search.counts.add(&from_root.rejected);
                 incoming.extend(from_root.edges.into_iter().map(|edge| Incoming::new(edge, None, context, settings)));
@@ -124,14 +126,15 @@ impl<'a> Search<'a> {
         search
     }
 
-    /// Adds the edges from all reached nodes of the last layer.
-    fn extend_from_layer(&mut self, pair: (i64, i64), store: &mut CheckedEdges, incoming: &mut Vec<Incoming>) {
-        let mut is_reached = vec![false; self.nodes.len()];
+    /// Adds the edges into a layer from all reached nodes of the layer before it.
+    fn extend_from_layer(&mut self, to: usize, store: &mut CheckedEdges, incoming: &mut Vec<Incoming>) {
+        let (from, to) = (&self.ahead[to - 1], &self.ahead[to]);
+        let mut is_reached = vec![false; from.nodes.len()];
         for step in self.layers.last().into_iter().flatten().filter(|step| !step.edge.ends_chain) {
             is_reached[step.edge.to] = true;
         }
         let starts: Vec<usize> = (0..is_reached.len()).filter(|i| is_reached[*i]).collect();
-        let (edges, solved) = store.between(self.context, pair, &starts, &self.nodes, self.settings);
+        let (edges, solved) = store.between(self.context, (from, to), &starts, self.settings);
         self.counts.solved += solved;
         for from in starts {
             let Some(node) = &edges[from] else { continue };
@@ -142,18 +145,18 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn root_edges(&self, station: i64, store: &mut CheckedEdges) -> NodeEdges {
+    fn root_edges(&self, to: usize, store: &mut CheckedEdges) -> NodeEdges {
+        let layer = &self.ahead[to];
         // a vehicle that starts off the road or inside a margin may use nodes off the road
-        let all = vec![true; self.nodes.len()];
+        let all = vec![true; layer.nodes.len()];
         let is_on_road = self.root.allowance == crate::collision::Allowance::NONE;
-        let ends = if is_on_road { store.on_road(self.context, station, &self.nodes, self.settings) } else { &all };
+        let ends = if is_on_road { store.on_road(self.context, layer) } else { &all };
         let begins = self.context.reference.project(self.root.pose.position).s;
-        let station = station as f64 * self.settings.grid;
-        let tried: Vec<Result<Edge, NoEdge>> = (0..self.nodes.len())
+        let tried: Vec<Result<Edge, NoEdge>> = (0..layer.nodes.len())
             .into_par_iter()
             .map(|j| {
                 if ends[j] {
-                    let to = (station, &self.nodes[j], j);
+                    let to = (layer.station, &layer.nodes[j], j);
                     Edge::from_root(self.context, (begins, self.root), to, self.settings)
                 } else {
                     Err(NoEdge::OffRoad)
@@ -215,9 +218,9 @@ impl<'a> Search<'a> {
     fn cheapest(&self) -> (Vec<Label>, Vec<End>) {
         let mut labels: Vec<Label> = Vec::with_capacity(self.layers.iter().map(Vec::len).sum());
         let mut ends: Vec<(usize, bool)> = Vec::new();
-        let mut reached: Vec<Option<usize>> = vec![None; self.nodes.len()];
+        let mut reached: Vec<Option<usize>> = Vec::new();
         for (layer, incoming) in self.layers.iter().enumerate() {
-            let mut best: Vec<Option<usize>> = vec![None; self.nodes.len()];
+            let mut best: Vec<Option<usize>> = vec![None; self.ahead[layer].nodes.len()];
             for (index, step) in incoming.iter().enumerate() {
                 let before = match step.from {
                     None => None,
@@ -308,6 +311,7 @@ impl<'a> Search<'a> {
             terms: CostTerms {
                 progress_shortfall: self.shortfall(&labels[end]),
                 curve_slowdown: steps.iter().map(|step| step.curve_slowdown).sum(),
+                missed_target: self.before.missed_target + terms.missed_target,
                 ..terms
             },
             end_offset: edges.last()?.end_offset,

@@ -7,12 +7,13 @@ use rayon::prelude::*;
 
 use super::counts::{EdgeCounts, NoEdge};
 use super::edges::Edge;
+use super::layers::{Layer, LayerId};
 use super::{LatticeContext, Node, Root, SearchResult, Settings};
 use crate::collision::{Allowance, Blocker, SafetyMargins};
 use crate::geometry::spiral::CubicSpiral;
 
-/// Station indices of two consecutive layers.
-type LayerPair = (i64, i64);
+/// Two consecutive layers.
+type LayerPair = (LayerId, LayerId);
 
 /// The edges that start at a node, in order of their end nodes, and counts of the rejected ones.
 #[derive(Debug, Clone, Default)]
@@ -53,32 +54,26 @@ impl EdgeStore {
 pub(super) struct CheckedEdges {
     /// Edges by start node; `None` if not computed yet.
     layers: HashMap<LayerPair, Vec<Option<NodeEdges>>>,
-    /// For each station index, whether each node is on the road.
-    on_road: HashMap<i64, Vec<bool>>,
+    /// For each layer, whether each node is on the road.
+    on_road: HashMap<LayerId, Vec<bool>>,
     pub(super) recent: RecentResults,
 }
 
 impl CheckedEdges {
     /// Drops everything behind a station, m.
     pub(super) fn drop_before(&mut self, station: f64, settings: &Settings) {
-        let ahead = |index: i64| index as f64 * settings.grid >= station;
+        let ahead = |layer: LayerId| layer.station(settings).is_none_or(|s| s >= station);
         self.layers.retain(|(_, to), _| ahead(*to));
         self.on_road.retain(|index, _| ahead(*index));
     }
 
     /// For each node of a layer, whether edges may lead to it: the vehicle with its margins must be on the road there. All
     /// nodes, if this holds for none.
-    pub(super) fn on_road(
-        &mut self,
-        context: &LatticeContext<'_>,
-        station: i64,
-        nodes: &[Node],
-        settings: &Settings,
-    ) -> &[bool] {
-        self.on_road.entry(station).or_insert_with(|| {
-            let s = station as f64 * settings.grid;
+    pub(super) fn on_road(&mut self, context: &LatticeContext<'_>, layer: &Layer) -> &[bool] {
+        let Layer { id, station, nodes } = layer;
+        self.on_road.entry(*id).or_insert_with(|| {
             let is_on_road = |node: &Node| {
-                node.point(context, s).is_some_and(|point| {
+                node.point(context, *station).is_some_and(|point| {
                     let mut here = context.world.probe(&point.pose, &CubicSpiral::straight(NODE_LENGTH));
                     here.static_hit(&context.margins, &Allowance::NONE)
                         .is_none_or(|hit| hit.what != Blocker::RoadBoundary)
@@ -94,25 +89,24 @@ impl CheckedEdges {
     pub(super) fn between(
         &mut self,
         context: &LatticeContext<'_>,
-        (from, to): LayerPair,
+        (from, to): (&Layer, &Layer),
         starts: &[usize],
-        nodes: &[Node],
         settings: &Settings,
     ) -> (&[Option<NodeEdges>], usize) {
-        let ends = self.on_road(context, to, nodes, settings).to_vec();
-        let layer = self.layers.entry((from, to)).or_insert_with(|| vec![None; nodes.len()]);
-        let (s0, s1) = (from as f64 * settings.grid, to as f64 * settings.grid);
+        let ends = self.on_road(context, to).to_vec();
+        let layer = self.layers.entry((from.id, to.id)).or_insert_with(|| vec![None; from.nodes.len()]);
+        let (s0, s1) = (from.station, to.station);
         let pairs: Vec<(usize, usize)> = starts
             .iter()
             .filter(|i| layer[**i].is_none())
-            .flat_map(|&i| (0..nodes.len()).map(move |j| (i, j)))
-            .filter(|&(i, j)| (nodes[i].offset - nodes[j].offset).abs() <= settings.max_slope * (s1 - s0))
+            .flat_map(|&i| (0..to.nodes.len()).map(move |j| (i, j)))
+            .filter(|&(i, j)| (from.nodes[i].offset - to.nodes[j].offset).abs() <= settings.max_slope * (s1 - s0))
             .collect();
         let tried: Vec<Result<Edge, NoEdge>> = pairs
             .par_iter()
             .map(|&(i, j)| {
                 if ends[j] {
-                    Edge::between(context, (s0, &nodes[i]), (s1, &nodes[j], j), settings)
+                    Edge::between(context, (s0, &from.nodes[i]), (s1, &to.nodes[j], j), settings)
                 } else {
                     Err(NoEdge::OffRoad)
                 }

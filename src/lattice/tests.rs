@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::edges::{Edge, KeptPrefix};
+use super::layers::Layer;
 use super::*;
 use crate::collision::CollisionSettings;
 use crate::fixtures::{self, lanelet, network, two_lane_road};
@@ -92,6 +93,7 @@ fn with_context(obstacles: Vec<Obstacle>, test: impl FnOnce(&LatticeContext<'_>)
         max_curvature,
         full_speed_curvature,
         half_width,
+        target: None,
     });
 }
 
@@ -155,8 +157,7 @@ fn free_paths_pass_the_parked_car_and_end_on_the_road() {
 struct AllChains<'a> {
     context: &'a LatticeContext<'a>,
     root: &'a Root,
-    stations: Vec<f64>,
-    nodes: Vec<Node>,
+    layers: Vec<Layer>,
     settings: &'a Settings,
     best: BTreeMap<usize, f64>,
     tried: usize,
@@ -166,12 +167,13 @@ impl AllChains<'_> {
     fn extend(&mut self, layer: usize, from: Option<usize>, cost: f64) {
         let (context, settings) = (self.context, self.settings);
         let targets = match from {
-            Some(_) => layer..(layer + 1).min(self.stations.len()),
-            None => 0..settings.root_layers.min(self.stations.len()),
+            Some(_) => layer..(layer + 1).min(self.layers.len()),
+            None => 0..settings.root_layers.min(self.layers.len()),
         };
-        let count = self.nodes.len();
-        for (to_layer, j) in targets.flat_map(|l| (0..count).map(move |j| (l, j))) {
-            let to = (self.stations[to_layer], &self.nodes[j], j);
+        let counts: Vec<usize> = self.layers.iter().map(|layer| layer.nodes.len()).collect();
+        for (to_layer, j) in targets.flat_map(|l| (0..counts[l]).map(move |j| (l, j))) {
+            let Layer { station, nodes, .. } = self.layers[to_layer].clone();
+            let to = (station, &nodes[j], j);
             let (edge, before) = match from {
                 None => {
                     let begins = context.reference.project(self.root.pose.position).s;
@@ -181,12 +183,12 @@ impl AllChains<'_> {
                     )
                 }
                 Some(i) => {
-                    let steep = (self.nodes[i].offset - self.nodes[j].offset).abs()
-                        / (self.stations[to_layer] - self.stations[to_layer - 1]);
+                    let before = &self.layers[to_layer - 1];
+                    let steep = (before.nodes[i].offset - nodes[j].offset).abs() / (station - before.station);
                     if steep > settings.max_slope {
                         continue;
                     }
-                    let from = (self.stations[to_layer - 1], &self.nodes[i]);
+                    let from = (before.station, &before.nodes[i]);
                     (Edge::between(context, from, to, settings), KeptPrefix::EMPTY)
                 }
             };
@@ -197,7 +199,7 @@ impl AllChains<'_> {
                 continue;
             }
             let cost = cost + checked.terms.total() + edge.curve_slowdown(context, &settings.weights);
-            if to_layer + 1 == self.stations.len() {
+            if to_layer + 1 == self.layers.len() {
                 let best = self.best.entry(j).or_insert(f64::INFINITY);
                 *best = best.min(cost);
             } else {
@@ -216,28 +218,35 @@ proptest! {
         cars in prop::collection::vec((18.0..70.0_f64, -1.5..5.0_f64), 0..4),
         offset in -0.6..1.2_f64,
         headings in prop::sample::select(vec![vec![0.0], vec![-0.08, 0.08]]),
+        target in prop::option::of((20.0..60.0_f64, -1.5..1.5_f64, -0.1..0.1_f64)),
     ) {
         let obstacles = cars.iter().enumerate().map(|(i, (x, y))| car(i as i64, *x, *y)).collect();
         let settings = Settings {
             offset_spacing: 1.0, offset_limit: if headings.len() > 1 { 1.0 } else { 2.0 }, headings, ..Settings::default()
         };
+        // blocked chains that meet the target do not take the places of all free ones
+        let weights = Weights { missed_target: 2.0, ..Weights::default() };
+        let settings = Settings { weights, ..settings };
         let mut failure = None;
         with_context(obstacles, |context| {
             let root = root(context, 4.0, offset);
-            let stations = layers::ahead(context.reference, 4.0, 9.5, 60.0, &settings);
+            let target = target.map(|(station, l, h)| {
+                Target { station, offsets: (l, l + 0.8), headings: (h, h + 0.1), ahead: 1.4 }
+            });
+            let context = &LatticeContext { target, ..*context };
+            let layers = layers::ahead(context, 4.0, 9.5, 60.0, &settings);
             let found = search(context, &root, 9.5, 60.0, &settings, &mut EdgeStore::default());
             assert_complete(&found.counts);
             let mut store = EdgeStore::default();
             let store = store.of(&context.margins);
-            let eager = search::Search::new(context, &root, &stations, 60.0, &settings, store);
+            let eager = search::Search::new(context, &root, layers.clone(), 60.0, &settings, store);
             let eager = eager.run_eagerly();
             assert_eq!(eager.counts.unchecked, 0);
             assert_eq!(summary(&found.paths), summary(&eager.paths), "blocked chains included");
-            let nodes = nodes(&settings);
-            let stations: Vec<f64> = stations.iter().map(|i| *i as f64 * settings.grid).collect();
-            assert!((2..=4).contains(&stations.len()), "{stations:?}");
+            assert!((1..=4).contains(&layers.len()), "{layers:?}");
+            let last = layers[layers.len() - 1].clone();
             let best = BTreeMap::new();
-            let mut all = AllChains { context, root: &root, stations, nodes, settings: &settings, best, tried: 0 };
+            let mut all = AllChains { context, root: &root, layers, settings: &settings, best, tried: 0 };
             all.extend(0, None, 0.0);
             let missing = |p: &LatticePath| settings.weights.progress_shortfall * (60.0 - p.free_length).max(0.0);
             let free: Vec<&LatticePath> = found.paths.iter().filter(|p| p.blocked_by.is_none()).collect();
@@ -247,7 +256,7 @@ proptest! {
                 failure = Some(format!("{} free paths, brute force {:?}", free.len(), all.best));
             }
             for (path, cost) in free.iter().zip(&ends) {
-                let of_node = all.best.iter().filter(|(j, _)| all.nodes[**j].offset == path.end_offset);
+                let of_node = all.best.iter().filter(|(j, _)| last.nodes[**j].offset == path.end_offset);
                 if !of_node.into_iter().any(|(_, best)| (best - cost).abs() < 1e-6) {
                     failure = Some(format!("{cost} to offset {}, brute force {:?}", path.end_offset, all.best));
                 }

@@ -74,8 +74,8 @@ pub(super) struct Proven {
 }
 
 /// The problem of the search: with a time gap to traffic, a reserve of lateral acceleration and of braking, and the wishes of rules
-/// and goals.
-struct ForSearch(SpeedProblem);
+/// and goals. With it, the speed limit of the goal's time window, m/s.
+struct ForSearch(SpeedProblem, f64);
 
 /// The problem of the proof: the actual blocked intervals and hard limits.
 pub(super) struct ForProof(pub(super) SpeedProblem);
@@ -87,6 +87,8 @@ pub(super) struct TargetLimits {
     pub(super) along: Along,
     /// Limits at the nodes, m/s.
     pub(super) speeds: Vec<f64>,
+    /// The one of the goal's time window, m/s.
+    for_window: f64,
 }
 
 /// Curvature (1/m) and its derivative by arc length (1/m²) at the [`PLACES`] of a cell.
@@ -132,7 +134,7 @@ impl Situation<'_> {
         };
         let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
         let blocked_by = path.blocked_by.map(Cause::from).or(first.map(|cell| Cause::Obstacle(cell.obstacle)));
-        let ForSearch(sought) = self.for_search(&cells);
+        let ForSearch(sought, for_window) = self.for_search(&cells);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         let Ok(outcome) = search(&sought, Strategy::SafeTlp, &resolution) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by };
@@ -160,7 +162,7 @@ impl Situation<'_> {
                 };
                 #[cfg(test)]
                 let raw_profile = fault::applied(raw_profile);
-                let target = TargetLimits { stations, along, speeds: sought.speed_limits };
+                let target = TargetLimits { stations, along, speeds: sought.speed_limits, for_window };
                 let proven = Proven { problem, target, stop, raw_profile, progress, expansions, blocked };
                 Evaluation::Proven(Box::new(proven))
             }
@@ -169,7 +171,7 @@ impl Situation<'_> {
 
     /// The contact-free motion as far along a path as a search gets that does not ask for a stop; `None` if it gets nowhere.
     pub(super) fn explored(&self, path: &LatticePath) -> Option<SpeedProfile> {
-        let ForSearch(sought) = self.for_search(&self.cells(path)?);
+        let ForSearch(sought, _) = self.for_search(&self.cells(path)?);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         match search(&sought, Strategy::Naive, &resolution) {
             Ok(SpeedOutcome::Unproven { plan, .. }) => smoothing::raw_profile(&sought, &plan),
@@ -311,10 +313,10 @@ impl Situation<'_> {
     }
 
     fn for_search(&self, cells: &PathCells) -> ForSearch {
-        let speed_limits = self.speed_limits(cells);
+        let (speed_limits, for_window) = self.speed_limits(cells);
         let deceleration = (self.search_share * self.proof_deceleration).max(self.braking);
         let blocked = cells.blocked.iter().map(|b| widened(b, self.time_gap, self.time)).collect();
-        ForSearch(self.problem(cells, speed_limits, blocked, deceleration))
+        ForSearch(self.problem(cells, speed_limits, blocked, deceleration), for_window)
     }
 
     fn for_proof(&self, cells: &PathCells) -> ForProof {
@@ -384,23 +386,29 @@ impl Situation<'_> {
         limits
     }
 
-    /// The limit of the goal at a station of the reference line, m/s: its time window before it, its speed inside.
-    fn goal_limit(&self, reference_station: f64) -> f64 {
+    /// The limit of the goal at a station of the reference line, m/s: before it the speed for its time window, its speed inside.
+    fn goal_limit(&self, reference_station: f64, for_window: f64) -> f64 {
         let Some(goal) = &self.goal else { return f64::INFINITY };
-        let in_time = goal.speed_for_window(self.station, self.time).max(MIN_APPROACH_SPEED);
-        let before = if reference_station <= goal.far { in_time } else { f64::INFINITY };
+        let before = if reference_station <= goal.far { for_window } else { f64::INFINITY };
         let is_inside = (goal.near..=goal.far).contains(&reference_station) && !goal.is_stop();
-        if is_inside { before.min(goal.speed_limit) } else { before }
+        if is_inside { before.min(goal.speed.1) } else { before }
     }
 
     /// Speed limits at the stations, m/s: the minimum of curvature and steering with a reserve, rules, the time window of the
     /// goal, and the planned stop at the last one.
-    fn speed_limits(&self, cells: &PathCells) -> Vec<f64> {
+    ///
+    /// With them comes the limit of the time window.
+    fn speed_limits(&self, cells: &PathCells) -> (Vec<f64>, f64) {
         let PathCells { stations, along, .. } = cells;
         let lateral = planned_lateral(self.settings, self.vehicle, self.lateral_limit);
+        let braking = self.settings.stopping_share * self.braking;
         let mut speed_limits = self.hard_limits(cells, lateral, STEERING_SHARE);
+        make_reachable(stations, &mut speed_limits, braking);
+        let for_window = self
+            .goal
+            .map_or(f64::INFINITY, |goal| self.speed_for_window(stations, &speed_limits, along.station_of(goal.far)));
         for (cap, s) in speed_limits.iter_mut().zip(stations) {
-            *cap = cap.min(self.goal_limit(along.reference_at(*s)));
+            *cap = cap.min(self.goal_limit(along.reference_at(*s), for_window));
         }
         if cells.stop.is_some() {
             let distance = stations[stations.len() - 1];
@@ -410,8 +418,8 @@ impl Situation<'_> {
                 *cap = cap.min(braking);
             }
         }
-        make_reachable(stations, &mut speed_limits, self.settings.stopping_share * self.braking);
-        speed_limits
+        make_reachable(stations, &mut speed_limits, braking);
+        (speed_limits, for_window)
     }
 
     /// The limits at a station of the path (m), each with its cause, m/s.
@@ -426,7 +434,7 @@ impl Situation<'_> {
         let curve = self.curve_limits(lateral, STEERING_SHARE).at(&path.path.at(station));
         [
             (self.rule_at(beside), Cause::SpeedLimit),
-            (self.goal_limit(beside), Cause::Goal),
+            (self.goal_limit(beside, limits.for_window), Cause::Goal),
             (curve, Cause::Bend),
             (self.cruise, Cause::CruiseSpeed),
         ]
@@ -462,8 +470,6 @@ const LONG_WAIT: f64 = 2.0;
 pub(super) const TRAVEL_TIME_HORIZON: f64 = 6.0;
 /// Shorter cells are dropped, m.
 const MIN_CELL: f64 = 0.02;
-/// Slowest approach to a goal before its time window opens, m/s.
-const MIN_APPROACH_SPEED: f64 = 0.5;
 /// Fraction of the steering rate that plans aim at; the tracking controller has the remainder.
 const STEERING_SHARE: f64 = 0.8;
 /// Where bends are looked for in a cell, as shares of its length: not quite at its ends, which may be joints of spirals, where rounding

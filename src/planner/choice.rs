@@ -68,11 +68,14 @@ impl Planner<'_> {
                     }
                     Some(Evaluation::Proven(proven)) => {
                         record.trace.expansions += proven.expansions;
+                        let mut path = path.clone();
+                        self.charge_missed_goal(start, &mut path, &proven.raw_profile);
+                        note.terms = path.terms;
                         note.terms.travel_time = delay(&self.settings, free - proven.progress, &note.terms);
                         note.cost = note.terms.total();
                         let candidate = record.trace.candidates.len();
                         let (deceleration, cost) = (level.deceleration, note.cost);
-                        let (path, tube) = (path.clone(), Tube::UNKNOWN);
+                        let tube = Tube::UNKNOWN;
                         let pair =
                             Choice { lane, candidate, path, proven, tube, deceleration, cost, is_refined: false };
                         match self.accepted(start, &level, best.as_ref(), pair) {

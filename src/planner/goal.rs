@@ -1,22 +1,27 @@
 //! The goal of a planning problem in the coordinates of a reference line.
 
+use std::f64::consts::FRAC_PI_2;
+
 use crate::geometry::steps::fitting;
 use crate::geometry::{Pose, wrap_angle};
-use crate::map::{Goal, GoalPosition, RoadNetwork};
-use crate::reference::{Frenet, ReferenceLine, Via};
+use crate::lattice::Target;
+use crate::map::{Goal, GoalPosition, Interval, LaneletId, RoadNetwork, Shape};
+use crate::reference::ReferenceLine;
 use crate::vehicle::Vehicle;
 
-/// The goal on a reference line: stations, speed and time window.
+/// The goal on a reference line: stations, poses, speed and time window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalOnLane {
     /// First station of the rear axle at which the vehicle's centre is inside the goal, m.
     pub near: f64,
     /// Last such station, m.
     pub far: f64,
-    /// Highest permitted speed at the goal, m/s.
-    pub speed_limit: f64,
+    /// Permitted speeds at the goal, m/s.
+    pub speed: (f64, f64),
     /// Time window of the goal, s of the run.
     pub window: (f64, f64),
+    /// The poses with which the vehicle meets a goal that is short.
+    pub target: Option<Target>,
 }
 
 /// Driving time before the window of a goal closes at which the vehicle should be there, s: a cycle, and what traffic takes of it.
@@ -38,105 +43,43 @@ fn speed_in_time(distance: f64, time: f64, speed: f64, acceleration: f64) -> Opt
     (root >= 0.0).then(|| speed + gain - root.sqrt())
 }
 
-/// A goal whose middle is farther from the line is in another lane, m; half the width of a lane.
-const BESIDE: f64 = 1.75;
-/// Offsets tried to either side.
-const STEPS: i32 = 35;
-/// Distance from the border of a goal, if it is wide enough, m: tracking errors, and nodes beside the line.
-const OFFSET_RESERVE: f64 = 0.3;
-/// The same for headings, rad.
-const HEADING_RESERVE: f64 = 0.03;
-/// Largest heading relative to the lane, rad.
-const STEEPEST: f64 = 0.12;
-/// Length before and behind the place with its offset, m.
-const HOLDS: f64 = 2.0;
-/// Length of a lateral displacement of 1 m, m: at 14 m/s its lateral acceleration is 1 m/s² (the peak of the quintic's second derivative is
-/// 5.77); it grows with the square root of the displacement.
-const FADES: f64 = 33.0;
-/// Shortest such length, m.
-const SHORTEST_FADE: f64 = 15.0;
-
-/// The value nearest to 0 inside an interval, with a reserve to its ends if it is wide enough; `None` if it is empty.
-fn nearest_inside(low: f64, high: f64, reserve: f64) -> Option<f64> {
-    let reserve = reserve.min(0.5 * (high - low));
-    (low <= high).then(|| 0.0_f64.max(low + reserve).min(high - reserve))
-}
+/// A longer goal has no [`Target`]: the vehicle may meet it anywhere, m.
+const LONGEST_TARGET: f64 = 10.0;
+/// Sampling along the line, and aside, m.
+const STEP: f64 = 0.5;
+const ASIDE: f64 = 0.05;
+/// Steps aside to either side: as far as the nodes of the lattice go by default, 4 m.
+const STEPS_ASIDE: i32 = 80;
+/// Largest heading relative to the lane where the goal has none, rad.
+const TURNED: f64 = FRAC_PI_2;
 
 /// A goal with a lower speed limit than this (m/s) requires a stop.
 const STOP_SPEED: f64 = 1.0;
 
 impl GoalOnLane {
-    /// The first interval of the reference line inside the goal; `None` if the line does not meet it or the goal has no
-    /// position.
+    /// The goal in the lane of a reference line; `None` if it is not there or has no position.
     #[must_use]
     pub fn find(goal: &Goal, network: &RoadNetwork, line: &ReferenceLine, vehicle: &Vehicle) -> Option<Self> {
-        /// Sampling of the line, m.
-        const STEP: f64 = 0.5;
-        let position = goal.position.as_ref()?;
-        let (mut near, mut far) = (None, 0.0);
-        for i in 0..=fitting(line.length(), STEP) {
-            let station = i as f64 * STEP;
-            let centre = vehicle.centre_of_rear_axle(&line.at(station).pose);
-            let inside = match position {
-                GoalPosition::Shapes(shape) => shape.contains(centre.position),
-                GoalPosition::Lanelets(ids) => {
-                    ids.iter().any(|id| network.lanelets.get(id).is_some_and(|l| l.contains(centre.position)))
-                }
-            };
-            if inside {
-                near.get_or_insert(station);
-                far = station;
-            } else if near.is_some() {
-                break;
+        let (near, far, target) = match goal.position.as_ref()? {
+            GoalPosition::Lanelets(ids) => {
+                let (near, far) = stretch(line, vehicle, (0.0, 0.0), |centre| is_on(ids, network, centre))?;
+                (near, far, None)
             }
-        }
-        near.map(|near| Self {
+            GoalPosition::Shapes(shape) => in_shape(shape, goal.yaw, line, vehicle)?,
+        };
+        Some(Self {
             near,
             far,
-            speed_limit: goal.speed.map_or(f64::INFINITY, |s| s.max),
+            speed: goal.speed.map_or((0.0, f64::INFINITY), |s| (s.min, s.max)),
             window: (goal.time.min, goal.time.max),
-        })
-    }
-
-    /// The place beside the reference line that it has to lead through so that the vehicle meets the goal: as near to the line, and as
-    /// parallel to it, as the position and the heading of the goal permit. `None` if the line does, if the vehicle would not be in the lane
-    /// there, or the goal has no shape.
-    #[must_use]
-    pub fn beside(goal: &Goal, line: &ReferenceLine, vehicle: &Vehicle) -> Option<Via> {
-        let Some(GoalPosition::Shapes(shape)) = &goal.position else { return None };
-        shape.parts.iter().find_map(|part| {
-            let Frenet { s, l } = line.project(part.middle());
-            let to_centre = vehicle.centre_of_rear_axle(&Pose::new(0.0, 0.0, 0.0)).position.x;
-            let station = s - to_centre;
-            if l.abs() > BESIDE || !(0.0..=line.length()).contains(&station) {
-                return None;
-            }
-            let is_inside = |offset: &f64| {
-                let pose = line.offset_pose(station, *offset).map(|p| vehicle.centre_of_rear_axle(&p.pose));
-                pose.is_some_and(|centre| shape.contains(centre.position))
-            };
-            let inside = (-STEPS..=STEPS).map(|i| f64::from(i) * BESIDE / f64::from(STEPS)).filter(is_inside);
-            let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), l| (a.min(l), b.max(l)));
-            let (left, right) = line.lane_bounds(station);
-            let is_in_lane =
-                |offset: &f64| offset + 0.5 * vehicle.width <= left && 0.5 * vehicle.width - offset <= right;
-            let offset = nearest_inside(low, high, OFFSET_RESERVE).filter(is_in_lane)?;
-            let heading = goal.yaw.map_or(Some(0.0), |yaw| {
-                let half = 0.5 * (yaw.max - yaw.min);
-                let middle = wrap_angle(f64::midpoint(yaw.min, yaw.max) - line.at(station).pose.yaw);
-                nearest_inside(middle - half, middle + half, HEADING_RESERVE)
-            })?;
-            let heading = heading.clamp(-STEEPEST, STEEPEST);
-            let aside = offset.abs() + 3.0 * heading.abs();
-            let fades = (FADES * aside.sqrt()).max(SHORTEST_FADE);
-            (aside > 0.0).then_some(Via { station, offset, heading, holds: HOLDS, fades })
+            target,
         })
     }
 
     /// Whether the goal requires a stop.
     #[must_use]
     pub fn is_stop(&self) -> bool {
-        self.speed_limit < STOP_SPEED
+        self.speed.1 < STOP_SPEED
     }
 
     /// Station for a stop in the goal, m.
@@ -146,26 +89,114 @@ impl GoalOnLane {
         self.near + (0.5 * (self.far - self.near)).min(5.0)
     }
 
-    /// The speed that the vehicle has to reach with an acceleration (m/s²) to be in the goal before its time window closes, m/s. `None` if
-    /// it is in the goal or behind it, or too late.
+    /// The speed that the vehicle has to reach with an acceleration (m/s²) to be in the goal before its time window closes and as fast as
+    /// it asks for, m/s. `None` if it is in the goal or behind it, or too late.
     #[must_use]
     pub fn speed_in_time(&self, station: f64, time: f64, speed: f64, acceleration: f64) -> Option<f64> {
         let distance = (station < self.near).then_some(self.near - station)?;
-        speed_in_time(distance, self.window.1 - RESERVE - time, speed, acceleration)
+        let in_time = speed_in_time(distance, self.window.1 - RESERVE - time, speed, acceleration)?;
+        Some(in_time.max(self.speed.0))
     }
 
-    /// The speed with which the vehicle reaches the goal from `station` at `time` just after its time window opens, m/s;
-    /// infinite if no speed is too early.
+    /// The time that a vehicle at a station (m) at a time has until it should leave the goal: just after the window opens, s. `None` if the
+    /// window is open, or the vehicle behind the goal.
     #[must_use]
-    pub fn speed_for_window(&self, station: f64, time: f64) -> f64 {
+    pub fn time_in_front(&self, station: f64, time: f64) -> Option<f64> {
         /// The vehicle leaves the goal this long after its window opens, s, or in the middle of a short window.
         const INSIDE: f64 = 0.5;
         let (opens, closes) = self.window;
-        if time >= opens || station >= self.far {
-            return f64::INFINITY;
-        }
-        (self.far - station) / (opens + INSIDE.min(0.5 * (closes - opens)) - time)
+        (time < opens && station < self.far).then(|| opens + INSIDE.min(0.5 * (closes - opens)) - time)
     }
+}
+
+/// Whether a state meets the position, heading and speed of a goal; `centre` is the pose of the vehicle's centre.
+pub(super) fn is_met(goal: &Goal, network: &RoadNetwork, centre: &Pose, speed: f64) -> bool {
+    let is_there = match &goal.position {
+        None => true,
+        Some(GoalPosition::Shapes(shape)) => shape.contains(centre.position),
+        Some(GoalPosition::Lanelets(ids)) => is_on(ids, network, centre),
+    };
+    let has_heading = goal.yaw.is_none_or(|yaw| {
+        let half = 0.5 * (yaw.max - yaw.min);
+        wrap_angle(centre.yaw - yaw.min - half).abs() <= half
+    });
+    is_there && has_heading && goal.speed.is_none_or(|speeds| speeds.contains(speed))
+}
+
+/// Whether a pose is on one of these lanelets.
+fn is_on(ids: &[LaneletId], network: &RoadNetwork, centre: &Pose) -> bool {
+    ids.iter().any(|id| network.lanelets.get(id).is_some_and(|l| l.contains(centre.position)))
+}
+
+/// The first stretch on which the vehicle's centre is inside, with the rear axle at an offset (m) and a heading (rad) relative to the line.
+fn stretch(
+    line: &ReferenceLine,
+    vehicle: &Vehicle,
+    (offset, heading): (f64, f64),
+    contains: impl Fn(&Pose) -> bool,
+) -> Option<(f64, f64)> {
+    let (mut near, mut far) = (None, 0.0);
+    for station in (0..=fitting(line.length(), STEP)).map(|i| i as f64 * STEP) {
+        let on_line = line.offset_pose(station, offset).map(|p| Pose { yaw: p.pose.yaw + heading, ..p.pose });
+        if on_line.is_some_and(|pose| contains(&vehicle.centre_of_rear_axle(&pose))) {
+            near.get_or_insert(station);
+            far = station;
+        } else if near.is_some() {
+            break;
+        }
+    }
+    near.map(|near| (near, far))
+}
+
+/// First and last station in a shape, and the poses that meet it; `None` if it is not in the lane of the line.
+fn in_shape(
+    shape: &Shape,
+    yaw: Option<Interval>,
+    line: &ReferenceLine,
+    vehicle: &Vehicle,
+) -> Option<(f64, f64, Option<Target>)> {
+    let contains = |centre: &Pose| shape.contains(centre.position);
+    let on_line = stretch(line, vehicle, (0.0, 0.0), contains);
+    let ahead = vehicle.centre_of_rear_axle(&Pose::new(0.0, 0.0, 0.0)).position.x;
+    let stations = on_line.map_or_else(
+        || shape.parts.iter().map(|part| line.project(part.middle()).s - ahead).collect(),
+        |(near, far)| vec![f64::midpoint(near, far)],
+    );
+    let target = stations.into_iter().find_map(|station| target_at(station, ahead, shape, yaw, line, vehicle));
+    if let Some((near, far)) = on_line {
+        return Some((near, far, target.filter(|_| far - near <= LONGEST_TARGET)));
+    }
+    let target = target?;
+    let (offset, heading) = target.pose();
+    let (left, right) = line.lane_bounds(target.station);
+    let (near, far) =
+        stretch(line, vehicle, (offset, heading), contains).filter(|_| offset < left && -offset < right)?;
+    Some((near, far, (far - near <= LONGEST_TARGET).then_some(target)))
+}
+
+/// The poses beside a station that meet a shape; `None` if there are none.
+fn target_at(
+    station: f64,
+    ahead: f64,
+    shape: &Shape,
+    yaw: Option<Interval>,
+    line: &ReferenceLine,
+    vehicle: &Vehicle,
+) -> Option<Target> {
+    (0.0..=line.length()).contains(&station).then_some(())?;
+    let is_inside = |offset: &f64| {
+        let centre = line.offset_pose(station, *offset).map(|p| vehicle.centre_of_rear_axle(&p.pose));
+        centre.is_some_and(|centre| shape.contains(centre.position))
+    };
+    let sides = -STEPS_ASIDE..=STEPS_ASIDE;
+    let inside = sides.map(|i| f64::from(i) * ASIDE).filter(is_inside);
+    let offsets = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), l| (a.min(l), b.max(l)));
+    let headings = yaw.map_or((-TURNED, TURNED), |yaw| {
+        let half = 0.5 * (yaw.max - yaw.min);
+        let middle = wrap_angle(f64::midpoint(yaw.min, yaw.max) - line.at(station).pose.yaw);
+        (middle - half, middle + half)
+    });
+    (offsets.0 <= offsets.1 && headings.0 <= headings.1).then_some(Target { station, offsets, headings, ahead })
 }
 
 #[cfg(test)]
@@ -173,19 +204,6 @@ mod tests {
     use super::*;
 
     /// 40 m from 8 m/s with 1.5 m/s²: the distance of the ramp and of the constant speed after it is the one asked for.
-    /// A goal from 88 to 90 m, 10 s ahead: the vehicle is in it while its window is open, however short that is.
-    #[test]
-    fn the_vehicle_is_in_the_goal_while_its_window_is_open() {
-        for open in [0.1, 0.4, 1.0, 5.0] {
-            let goal = GoalOnLane { near: 88.0, far: 90.0, speed_limit: f64::INFINITY, window: (10.0, 10.0 + open) };
-            let speed = goal.speed_for_window(0.0, 0.0);
-            let (enters, leaves) = (goal.near / speed, goal.far / speed);
-            assert!(leaves > 10.0 && enters < 10.0 + open, "{open} s: from {enters} s to {leaves} s");
-            assert_eq!(goal.speed_for_window(0.0, 10.0), f64::INFINITY, "it is open");
-            assert_eq!(goal.speed_for_window(90.0, 0.0), f64::INFINITY, "behind it");
-        }
-    }
-
     #[test]
     fn the_speed_in_time_drives_the_distance_in_the_time() {
         for (time, speed) in [(3.9, 8.0), (4.2, 8.0), (4.9, 8.0), (12.0, 0.0), (8.0, 0.0)] {

@@ -3,7 +3,7 @@
 use super::goal::GoalOnLane;
 use crate::geometry::steps::fitting;
 use crate::geometry::{Point, Pose};
-use crate::lattice::EdgeStore;
+use crate::lattice::{EdgeStore, Target};
 use crate::map::{Goal, Lanelet, LaneletId, PlanningProblem, RoadNetwork, Scenario};
 use crate::reference::ReferenceLine;
 use crate::route::{self, LaneOption, RouteOutcome, RouteSettings, Side};
@@ -114,6 +114,11 @@ impl Lane {
         }
     }
 
+    /// The poses that meet the goal.
+    pub(super) fn target(&self) -> Option<Target> {
+        self.goal.and_then(|goal| goal.target)
+    }
+
     /// Whether the road continues beyond the end of the reference line.
     pub(super) fn goes_on(&self, network: &RoadNetwork) -> bool {
         network.lanelets.get(&self.last_lanelet).is_some_and(|l| !l.successors.is_empty())
@@ -122,9 +127,7 @@ impl Lane {
     fn new(network: &RoadNetwork, goals: &[Goal], vehicle: &Vehicle, option: &LaneOption) -> Option<Self> {
         let settings = crate::reference::ReferenceSettings::default();
         let lanelets = joined(network, &option.lanelets);
-        let middle = ReferenceLine::new(network, lanelets, vehicle.width, &settings).ok()?;
-        let via = goals.iter().find_map(|g| GoalOnLane::beside(g, &middle, vehicle));
-        let reference = via.and_then(|via| middle.led_through(&via)).unwrap_or(middle);
+        let reference = ReferenceLine::new(network, lanelets, vehicle.width, &settings).ok()?;
         let goal = goals.iter().find_map(|g| GoalOnLane::find(g, network, &reference, vehicle));
         let is_current = option.side == Side::Current;
         let count = fitting(reference.length(), 2.0);

@@ -25,6 +25,7 @@
 
 mod allowance;
 mod along;
+mod arrival;
 mod candidate;
 mod cause;
 mod choice;

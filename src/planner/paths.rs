@@ -4,20 +4,17 @@
 //! path.
 
 use super::allowance::{Kept, allowance_at, returns_to_road};
+use super::arrival::urgency;
 use super::hysteresis::committed_plan;
 use super::level::LevelLimits;
 use super::{Planner, Start};
 use crate::collision::{CollisionWorld, SafetyMargins};
-use crate::lattice::{EdgeCounts, LatticeContext, LatticePath, Root};
+use crate::lattice::{EdgeCounts, LatticeContext, LatticePath, Root, Target};
 use crate::reference::ReferenceLine;
 use crate::vehicle::Vehicle;
 
 /// Fraction of the vehicle's maximum curvature that paths may use; the tracking controller has the remainder.
 const CURVATURE_SHARE: f64 = 0.95;
-/// Time to the deadline of the goal below which the cost of lane changes rises, s.
-const URGENT_TIME: f64 = 8.0;
-/// Time per rise of the cost of a lane change by its base value, s.
-const URGENCY_TIME_STEP: f64 = 2.0;
 /// Distance to the last station of the goal below which the cost of lane changes rises, m.
 const URGENT_DISTANCE: f64 = 80.0;
 /// Distance per rise of the cost of a lane change by its base value, m.
@@ -42,14 +39,13 @@ impl Planner<'_> {
         let weights = self.settings.lattice.weights;
         let committed_plan = committed_plan(self.committed.as_ref(), start);
         let Some(lane) = self.lanes.as_mut().ok().and_then(|l| l.get_mut(lane)) else { return Vec::new() };
-        let context = context(&self.vehicle, &lane.reference, (world, level.margins), full_speed_curvature);
+        let context =
+            context(&self.vehicle, (&lane.reference, lane.target()), (world, level.margins), full_speed_curvature);
         // the cost of postponing a lane change that the goal requires rises as time and distance run out
         let time_left = lane.goal_deadline - start.point.time;
         let here = lane.reference.project(start.point.pose.position).s;
         let distance_left = lane.goal_missed_at.map_or(f64::INFINITY, |s| s - here);
-        let urgency = 1.0
-            + ((URGENT_TIME - time_left) / URGENCY_TIME_STEP).max(0.0)
-            + ((URGENT_DISTANCE - distance_left) / URGENCY_DISTANCE_STEP).max(0.0);
+        let urgency = urgency(time_left) + ((URGENT_DISTANCE - distance_left) / URGENCY_DISTANCE_STEP).max(0.0);
         let mut all = Vec::new();
         for root in &roots {
             let store = &mut lane.edges;
@@ -90,10 +86,10 @@ impl Planner<'_> {
 /// The lattice context of a lane.
 pub(super) fn context<'a>(
     vehicle: &Vehicle,
-    reference: &'a ReferenceLine,
+    (reference, target): (&'a ReferenceLine, Option<Target>),
     (world, margins): (&'a CollisionWorld, SafetyMargins),
     full_speed_curvature: f64,
 ) -> LatticeContext<'a> {
     let (max_curvature, half_width) = (vehicle.max_curvature() * CURVATURE_SHARE, 0.5 * vehicle.width);
-    LatticeContext { reference, world, margins, max_curvature, full_speed_curvature, half_width }
+    LatticeContext { reference, world, margins, max_curvature, full_speed_curvature, half_width, target }
 }

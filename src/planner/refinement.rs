@@ -68,7 +68,12 @@ impl Planner<'_> {
         let commitment = committed_plan(self.committed.as_ref(), start)
             .map_or_else(Commitment::default, |plan| plan.commitment(&choice.path.path, weights.plan_change));
         let mut path = refined(
-            &context(&self.vehicle, &lane.reference, (world, level.margins), self.full_speed_curvature(start)),
+            &context(
+                &self.vehicle,
+                (&lane.reference, lane.target()),
+                (world, level.margins),
+                self.full_speed_curvature(start),
+            ),
             &choice.path,
             &allowance,
             self.vehicle.front_overhang_from_rear_axle(),
@@ -85,6 +90,7 @@ impl Planner<'_> {
             }
             Evaluation::Proven(proven) => {
                 record.trace.expansions += proven.expansions;
+                self.charge_missed_goal(start, &mut path, &proven.raw_profile);
                 let delay = delay(&self.settings, situation.free_progress() - proven.progress, &path.terms);
                 let cost = path.terms.total() + delay;
                 let is_slower = proven.progress + ON_TIME < choice.proven.progress;

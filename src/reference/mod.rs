@@ -33,10 +33,8 @@ mod projection;
 mod real;
 mod smooth;
 mod spline;
-mod via;
 
 pub use frenet::{CartesianState, FrenetState};
-pub use via::Via;
 
 use thiserror::Error;
 

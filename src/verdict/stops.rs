@@ -24,9 +24,6 @@ const SETTLING: f64 = 1.0;
 /// moving, the vehicle never moved, or there is no such trajectory.
 pub(super) fn stop_error(cycles: &[Cycle], log: &Log, standstill_speed: f64) -> Option<(f64, f64)> {
     let (since, position) = final_standstill(log, standstill_speed)?;
-    if drives_on(cycles.last()?, log, since, standstill_speed) {
-        return None;
-    }
     let (trajectory, station) = cycles.iter().rev().filter(|c| c.plan.time <= since).find_map(|c| {
         Some((
             &c.plan.trajectory,
@@ -35,13 +32,6 @@ pub(super) fn stop_error(cycles: &[Cycle], log: &Log, standstill_speed: f64) -> 
     })?;
     let planned = trajectory.path.at(station).pose;
     Some((planned.to_local(position).x, since))
-}
-
-/// Whether a run that stood only for a moment when it ended, at its goal or at a limit of its time, was to drive on.
-fn drives_on(last: &Cycle, log: &Log, since: f64, standstill_speed: f64) -> bool {
-    let Trajectory { profile, start_time, .. } = &last.plan.trajectory;
-    let ends = log.samples.last().map_or(since, |s| s.time);
-    ends - since < SETTLING && profile.at(ends + SETTLING - start_time).speed > standstill_speed
 }
 
 /// Begin (s) and position of the final standstill; `None` if the run ended moving or the vehicle never moved.

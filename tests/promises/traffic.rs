@@ -13,7 +13,7 @@ use stopline::planner::Plan;
 use stopline::verdict::Status;
 
 use crate::common::VEHICLE;
-use crate::scenes::{START, broken_claims, check, driven, driven_until, lanes, scene, unproven};
+use crate::scenes::{START, broken_claims, check, driven, driven_until, in_front, lanes, scene, unproven};
 
 /// Smallest clearance of a run, m.
 fn clearance(run: &Run) -> f64 {
@@ -86,7 +86,7 @@ fn a_vehicle_close_behind_a_leader_does_not_close_in() {
 /// Goals beside the middle of the lane, on either side, and turned a little: the vehicle drives there and meets them.
 #[test]
 fn a_goal_beside_the_middle_of_the_lane_is_driven_to() {
-    for (beside, turned) in [(0.9, 0.0), (0.6, 0.08), (0.4, 0.0)] {
+    for (beside, turned) in [(0.9, 0.0), (0.6, 0.08), (0.4, 0.0), (0.3, 0.16), (-0.2, 0.2)] {
         let ends = [1.0, -1.0].map(|side| {
             let mut scenario = scene(lanes(4.5, false), 10.0, Vec::new());
             let goal = &mut scenario.problems[0].goals[0];
@@ -100,6 +100,27 @@ fn a_goal_beside_the_middle_of_the_lane_is_driven_to() {
             side * run.log.samples[run.log.samples.len() - 1].pose.position.y
         });
         assert!((ends[0] - ends[1]).abs() < 1e-3, "{beside} m, {turned} rad: {ends:?}");
+    }
+}
+
+/// A parked car, and a goal in the lane just before it, open for a moment: the vehicle is there in time, and passes the car afterwards. Without a
+/// price for missing the goal it is in the other lane by then.
+#[test]
+fn a_goal_before_a_parked_car_is_met_before_the_car_is_passed() {
+    for (ahead, width, opens) in [(44.0, 3.0, 3.0), (48.0, 3.5, 3.4), (60.0, 3.5, 3.8)] {
+        let mut scenario = scene(lanes(3.5, true), 12.0, vec![in_front(&VEHICLE, ahead, 0.0, 1.8)]);
+        let region = Shape::rectangle(40.0, width).moved(&Pose::new(START + 50.0, 0.0, 0.0));
+        let goal = &mut scenario.problems[0].goals[0];
+        (goal.position, goal.time) = (Some(GoalPosition::Shapes(region)), Interval { min: opens, max: opens + 0.5 });
+        let mut settings = Settings::default();
+        let price = settings.planner.lattice.weights.missed_target;
+        for (price, outcome) in [(price, Outcome::GoalReached), (0.0, Outcome::TimedOut)] {
+            settings.planner.lattice.weights.missed_target = price;
+            let run = drive(&scenario, &scenario.problems[0], &VEHICLE, &settings, &mut |_, _| {}).unwrap();
+            let case = format!("{ahead} m, at a price of {price}");
+            assert_eq!(broken_claims(&run, &case), [""; 0]);
+            assert_eq!((run.outcome, unproven(&run)), (outcome, 0), "{case}: {:?}", check(&run, "goal"));
+        }
     }
 }
 

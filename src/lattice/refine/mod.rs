@@ -339,6 +339,7 @@ impl<'a> Refinement<'a> {
             curve_slowdown: old.curve_slowdown + now.curve_slowdown - before.curve_slowdown,
             clearance: old.clearance + now.clearance - before.clearance,
             lane_deviation: old.lane_deviation + now.lane_deviation - before.lane_deviation,
+            missed_target: old.missed_target + now.missed_target - before.missed_target,
             ..*old
         };
         let path = self.assembled(chain)?;

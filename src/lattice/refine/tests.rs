@@ -79,6 +79,7 @@ impl Scene {
             max_curvature,
             full_speed_curvature,
             half_width,
+            target: None,
         })
     }
 

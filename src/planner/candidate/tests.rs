@@ -159,7 +159,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
 
     // a stop in a goal
     let window = (0.0, f64::INFINITY);
-    let goal = GoalOnLane { near: beside(45.0), far: beside(55.0), speed_limit: 0.3, window };
+    let goal = GoalOnLane { near: beside(45.0), far: beside(55.0), speed: (0.0, 0.3), window, target: None };
     let situation = place.situation(begins, Some(goal), &[]);
     let (end, cause) = situation.cells(&path).unwrap().stop.unwrap();
     let station = goal.stop_station();
@@ -171,7 +171,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     let zone = [(beside(30.0), beside(40.0))];
     let situation = place.situation(begins, None, &zone);
     let cells = situation.cells(&path).unwrap();
-    let ForSearch(problem) = situation.for_search(&cells);
+    let ForSearch(problem, _) = situation.for_search(&cells);
     let nodes = || problem.stations.iter().map(|s| y(*s)).zip(&problem.stopping_allowed);
     assert!(
         nodes().all(|(y, may)| *may || (30.0 - SLACK..=40.0 + SLACK).contains(&y)),
@@ -194,4 +194,39 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
             assert!(*limit > 4.5, "{limit} m/s at y = {}", y(*station));
         }
     }
+}
+
+/// A goal from 96 to 100 m, whose window opens in 12 s, on straight lanes and with a slow stretch in the middle: the vehicle leaves the goal
+/// half a second after its window opens, and drives faster before a slow stretch than without it.
+#[test]
+fn the_speed_for_a_time_window_makes_up_for_slow_stretches() {
+    let place = Place::on(network([straight_lanelet(1, (0.0, 300.0), -2.0, 2.0)]), &[1]);
+    let stations: Vec<f64> = (0..=300).map(|i| 0.5 * f64::from(i)).collect();
+    let slow = |limit: f64| -> Vec<f64> {
+        let mut limits =
+            stations.iter().map(|s| if (40.0..=60.0).contains(s) { limit } else { 50.0 }).collect::<Vec<_>>();
+        make_reachable(&stations, &mut limits, 2.0);
+        limits
+    };
+    let goal = |opens: f64| GoalOnLane {
+        near: 96.0,
+        far: 100.0,
+        speed: (0.0, f64::INFINITY),
+        window: (opens, 60.0),
+        target: None,
+    };
+    let speed = |opens: f64, limit: f64| {
+        place.situation(0.0, Some(goal(opens)), &[]).speed_for_window(&stations, &slow(limit), 100.0)
+    };
+    // the vehicle begins at 8 m/s: 100 m in 12.5 s
+    assert!((speed(12.0, 50.0) - 8.0).abs() < 0.01, "{}", speed(12.0, 50.0));
+    // 20 m at 6 m/s and 80 m at u, with ramps of 2 m/s² around it and one at the start: each takes (Δv)²/2a/v longer than none
+    let u = speed(12.0, 6.0);
+    let ramps = (u - 8.0).powi(2) / 4.0 / u + 2.0 * (u - 6.0).powi(2) / 4.0 / u;
+    let time = 80.0 / u + 20.0 / 6.0 + ramps;
+    assert!(u > 8.2 && (time - 12.5).abs() < 0.15, "{u} m/s, {time} s");
+    assert_eq!(speed(9.0, 3.0), f64::INFINITY, "too late at any speed");
+    assert_eq!(speed(0.0, 50.0), f64::INFINITY, "it is open");
+    let behind = place.situation(101.0, Some(goal(12.0)), &[]);
+    assert_eq!(behind.speed_for_window(&stations, &slow(6.0), 0.0), f64::INFINITY);
 }

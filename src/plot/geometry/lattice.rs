@@ -73,6 +73,7 @@ impl<'a> LatticeScene<'a> {
             max_curvature: self.vehicle.max_curvature(),
             full_speed_curvature: self.vehicle.comfort.lateral_acceleration / (SPEED * SPEED),
             half_width: 0.5 * self.vehicle.width,
+            target: None,
         }
     }
 
