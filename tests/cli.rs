@@ -692,6 +692,7 @@ fn are_sound_candidates(candidates: &Value) -> std::collections::BTreeMap<String
             "progress_shortfall",
             "plan_change",
             "lane_change",
+            "missed_target",
             "travel_time",
             "curve_slowdown",
         ];
