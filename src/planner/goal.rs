@@ -169,8 +169,9 @@ fn in_shape(
     let target = target?;
     let (offset, heading) = target.pose();
     let (left, right) = line.lane_bounds(target.station);
-    let (near, far) =
-        stretch(line, vehicle, (offset, heading), contains).filter(|_| offset < left && -offset < right)?;
+    // a goal for which the vehicle would have to leave its lane is none of this lane
+    let is_in_lane = offset + 0.5 * vehicle.width <= left && 0.5 * vehicle.width - offset <= right;
+    let (near, far) = stretch(line, vehicle, (offset, heading), contains).filter(|_| is_in_lane)?;
     Some((near, far, (far - near <= LONGEST_TARGET).then_some(target)))
 }
 
