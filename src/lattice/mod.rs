@@ -11,8 +11,8 @@
 //! If the curvature bound is active on an edge from the vehicle, the edge may end beside its node: a convex program slides
 //! its end sideways as little as needed ([`crate::geometry::spiral_opt`]), and the chain ends there.
 //!
-//! Paths can be asked to lead through a set of poses beside the reference line, a [`Target`]: it has a layer of its own, with nodes in
-//! the set.
+//! Paths can be asked to lead through a set of poses beside the reference line, a [`Target`]: there is a layer at its station, with
+//! nodes in the set.
 //!
 //! Edges do not depend on the speed. The present speed enters as the cost term [`CostTerms::curve_slowdown`]: the distance
 //! lost by driving a curve at the speed that its curvature permits. So paths that the vehicle can drive at its present speed
