@@ -228,6 +228,9 @@ fn is_met(context: &LatticeContext<'_>, target: &Target, pose: &Pose) -> bool {
 
 /// What it costs if the kept prefix before a root misses the target.
 fn missed_target(context: &LatticeContext<'_>, root: &Root, w: &Weights) -> f64 {
+    if context.target.is_none() {
+        return 0.0;
+    }
     let begins = context.reference.project(root.start.position).s;
     let mut at = (root.start, begins);
     root.kept.iter().fold(0.0, |sum, spiral| {

@@ -4,7 +4,8 @@
 //! bisection of the time that it takes. With a constant speed instead, it would be too slow before a bend, and late behind it.
 //!
 //! A pair of path and speed that is outside of the goal during all of its time window costs
-//! [`Weights::missed_target`](crate::lattice::Weights::missed_target), so that of two plans of one level the one that meets it is taken. The price rises as the window closes.
+//! [`Weights::missed_target`](crate::lattice::Weights::missed_target), so that of two plans of one level the one that meets it is taken.
+//! The price rises as the window closes.
 //!
 //! Weak: beyond the end of the path only the cruise speed is known. Goals whose window closes later than a plan looks ahead are not
 //! judged.

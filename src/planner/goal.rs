@@ -117,10 +117,17 @@ pub(super) fn is_met(goal: &Goal, network: &RoadNetwork, centre: &Pose, speed: f
         Some(GoalPosition::Lanelets(ids)) => is_on(ids, network, centre),
     };
     let has_heading = goal.yaw.is_none_or(|yaw| {
-        let half = 0.5 * (yaw.max - yaw.min);
-        wrap_angle(centre.yaw - yaw.min - half).abs() <= half
+        let (low, high) = relative(yaw, centre.yaw);
+        low <= 0.0 && 0.0 <= high
     });
     is_there && has_heading && goal.speed.is_none_or(|speeds| speeds.contains(speed))
+}
+
+/// The ends of an interval of headings relative to a heading, rad.
+fn relative(yaw: Interval, to: f64) -> (f64, f64) {
+    let half = 0.5 * (yaw.max - yaw.min);
+    let middle = wrap_angle(f64::midpoint(yaw.min, yaw.max) - to);
+    (middle - half, middle + half)
 }
 
 /// Whether a pose is on one of these lanelets.
@@ -189,14 +196,9 @@ fn target_at(
         let centre = line.offset_pose(station, *offset).map(|p| vehicle.centre_of_rear_axle(&p.pose));
         centre.is_some_and(|centre| shape.contains(centre.position))
     };
-    let sides = -STEPS_ASIDE..=STEPS_ASIDE;
-    let inside = sides.map(|i| f64::from(i) * ASIDE).filter(is_inside);
+    let inside = (-STEPS_ASIDE..=STEPS_ASIDE).map(|i| f64::from(i) * ASIDE).filter(is_inside);
     let offsets = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), l| (a.min(l), b.max(l)));
-    let headings = yaw.map_or((-TURNED, TURNED), |yaw| {
-        let half = 0.5 * (yaw.max - yaw.min);
-        let middle = wrap_angle(f64::midpoint(yaw.min, yaw.max) - line.at(station).pose.yaw);
-        (middle - half, middle + half)
-    });
+    let headings = yaw.map_or((-TURNED, TURNED), |yaw| relative(yaw, line.at(station).pose.yaw));
     (offsets.0 <= offsets.1 && headings.0 <= headings.1).then_some(Target { station, offsets, headings, ahead })
 }
 
@@ -217,5 +219,30 @@ mod tests {
         assert_eq!(speed_in_time(40.0, 8.0, 8.0, 1.5), Some(5.0), "it has time");
         assert_eq!(speed_in_time(40.0, 3.0, 8.0, 1.5), None, "8 · 3 + 1.5 · 9 / 2 = 30.75 m");
         assert_eq!(speed_in_time(40.0, 0.0, 8.0, 1.5), None, "the window is closed");
+    }
+
+    #[test]
+    fn the_least_speed_of_a_goal_is_needed_even_if_less_is_in_time() {
+        let goal = |least: f64| GoalOnLane {
+            near: 40.0,
+            far: 42.0,
+            speed: (least, f64::INFINITY),
+            window: (0.0, 8.0 + RESERVE),
+            target: None,
+        };
+        let needed = |least: f64| goal(least).speed_in_time(0.0, 0.0, 8.0, 1.5);
+        assert_eq!((needed(0.0), needed(4.0), needed(12.0)), (Some(5.0), Some(5.0), Some(12.0)));
+        assert_eq!(goal(12.0).speed_in_time(40.0, 0.0, 8.0, 1.5), None, "in the goal");
+    }
+
+    /// Headings that wrap: from 170° to 190°, seen from −175° and from 160°.
+    #[test]
+    fn headings_are_compared_on_the_circle() {
+        let yaw = Interval { min: 170.0_f64.to_radians(), max: 190.0_f64.to_radians() };
+        let seen = |from: f64| {
+            let (low, high) = relative(yaw, from.to_radians());
+            (low.to_degrees().round(), high.to_degrees().round())
+        };
+        assert_eq!((seen(-175.0), seen(185.0), seen(160.0)), ((-15.0, 5.0), (-15.0, 5.0), (10.0, 30.0)));
     }
 }
