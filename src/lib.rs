@@ -106,6 +106,7 @@ pub mod speed;
 pub mod trajectory;
 pub mod vehicle;
 pub mod verdict;
+mod workers;
 
 pub use drive::{DriveError, Outcome, Run, Settings};
 pub use map::{PlanningProblem, Scenario};

@@ -103,6 +103,55 @@ fn fallbacks_are_reported_in_every_format_with_equal_hashes() {
     }
 }
 
+/// Two files, one of them in a subfolder, and a broken one.
+#[test]
+fn a_folder_of_scenarios_has_a_score() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(folder.path().join("set/more")).unwrap();
+    let copy = |map: &str, to: &str| {
+        std::fs::copy(root().join("maps").join(map), folder.path().join("set").join(to)).unwrap();
+    };
+    copy("lane_blocked.xml", "b.xml");
+    copy("straight_100m.xml", "more/a.xml");
+    let bench = |more: &[&str]| run(folder.path(), &[&["bench", "commonroad"], more].concat());
+    let printed = bench(&["set", "--json", "s.json", "--csv", "s.csv"]);
+    assert_eq!(printed.status.code(), Some(0), "{}", text(&printed.stderr));
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let value: Value = serde_json::from_str(&read("s.json")).unwrap();
+    let runs = value["runs"].as_array().unwrap();
+    let ended: Vec<(&Value, &Value)> = runs.iter().map(|r| (&r["scenario"], &r["outcome"])).collect();
+    assert_eq!(ended, [(&"b".into(), &"stopped_safely".into()), (&"a".into(), &"goal_reached".into())]);
+    assert_eq!((&value["problems"], &value["reached"], &value["contacts"]), (&2.into(), &1.into(), &0.into()));
+    let cycles: u64 = runs.iter().filter_map(|r| r["cycles"].as_u64()).sum();
+    assert_eq!(value["cycles"], cycles);
+    let ms = |key: &str| value["time"][key].as_f64().unwrap();
+    assert!(0.0 < ms("median_ms") && ms("median_ms") <= ms("p99_ms") && ms("p99_ms") <= ms("slowest_ms"));
+    assert!(text(&printed.stdout).contains(value["hash"].as_str().unwrap()));
+    assert_eq!(read("s.csv").lines().count(), 3);
+    // times alone depend on the number of files at a time
+    let again: Value = serde_json::from_slice(&bench(&["set", "--jobs", "1", "--json", "-"]).stdout).unwrap();
+    assert_eq!((&again["hash"], &again["runs"]), (&value["hash"], &value["runs"]));
+    // a list picks by name; a name without a file and a file that cannot be read are named, and the others are measured
+    std::fs::write(folder.path().join("list"), "# names\na.xml\nnowhere\n").unwrap();
+    let one = bench(&["set", "--list", "list", "--json", "-"]);
+    let value: Value = serde_json::from_slice(&one.stdout).unwrap();
+    let problems = (&value["problems"], &value["missing"][0]);
+    assert_eq!((one.status.code(), problems), (Some(3), (&1.into(), &"nowhere".into())));
+    std::fs::write(folder.path().join("set/c.xml"), "<commonRoad/>").unwrap();
+    let broken = bench(&["set", "--json", "-"]);
+    let value: Value = serde_json::from_slice(&broken.stdout).unwrap();
+    assert_eq!((broken.status.code(), &value["problems"]), (Some(3), &2.into()));
+    assert!(text(&broken.stderr).contains("c.xml"), "{}", text(&broken.stderr));
+    for (wrong, word) in [
+        (&["nowhere"][..], "nowhere: "),
+        (&["set/more", "--list", "nowhere"], "--list nowhere: cannot be read"),
+        (&["set/more", "--list", "s.json"], "none of its"),
+    ] {
+        let output = bench(wrong);
+        assert!(output.status.code() == Some(3) && text(&output.stderr).contains(word), "{}", text(&output.stderr));
+    }
+}
+
 /// Some hundreds of stops: a random scene and a map, with all vehicles and surfaces. The whole benchmark takes minutes.
 #[test]
 fn no_proven_stop_breaks() {

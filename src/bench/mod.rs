@@ -3,6 +3,7 @@
 //! Each comparison is a module that generates its problems, runs all methods and returns metrics; `cli::bench` prints
 //! them. All metrics are deterministic except the fields named `time`, which contain wall-clock times.
 
+pub mod commonroad;
 pub mod fallbacks;
 pub mod problems;
 pub mod safetlp;

@@ -170,6 +170,53 @@ pub(super) enum Comparison {
     /// stop or not at all. Stops more than 0.3 m short of the planned one and harder braking than planned are counted beside it.
     #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
     Fallbacks(FallbackArgs),
+    /// The score on published scenarios: drive every CommonRoad file of a folder, count goals, contacts and failed checks, measure the
+    /// cycle times.
+    ///
+    /// A problem is reached if the run meets the goal conditions of its file, touches nothing and stays on the road. The exit code is 1
+    /// only for a contact of a run that was proven in every cycle.
+    #[command(after_help = EXIT_CODES, after_long_help = EXIT_CODES)]
+    Commonroad(CommonRoadArgs),
+}
+
+/// Arguments of `bench commonroad`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct CommonRoadArgs {
+    /// Folder of scenarios: every *.xml in it and in its subfolders.
+    #[arg(value_name = "FOLDER")]
+    pub(super) folder: PathBuf,
+
+    /// Only the scenarios with a name in this file: one name in each line, without .xml; # begins a comment.
+    #[arg(long, value_name = "FILE")]
+    pub(super) list: Option<PathBuf>,
+
+    /// Files at a time; the number of cores if not given. Only the cycle times depend on it: use 1 to measure them.
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = run::whole(1..=MAX_THREADS))]
+    pub(super) jobs: Option<u16>,
+
+    /// The vehicle: a built-in name, or a folder.
+    #[arg(long, value_name = "NAME|FOLDER", default_value = "bmw_320i", value_parser = NonEmptyStringValueParser::new())]
+    pub(super) vehicle: String,
+
+    /// Configuration overrides, TOML.
+    #[arg(long, value_name = "FILE.toml")]
+    pub(super) config: Option<PathBuf>,
+
+    /// Leave out the obstacle that is exactly where a planning problem starts, if there is one.
+    #[arg(long)]
+    pub(super) without_recorded_ego: bool,
+
+    /// The score as JSON; `-` prints it on stdout, and nothing else.
+    #[arg(long, value_name = "PATH|-", help_heading = "Outputs", value_parser = run::output("--json", "JSON", &["json"]))]
+    pub(super) json: Option<PathBuf>,
+
+    /// One row for each planning problem.
+    #[arg(long, value_name = "PATH", help_heading = "Outputs", value_parser = run::output("--csv", "CSV", &["csv"]))]
+    pub(super) csv: Option<PathBuf>,
+
+    /// No report and no progress bar; errors only.
+    #[arg(long)]
+    pub(super) quiet: bool,
 }
 
 /// Arguments of `bench fallbacks`.

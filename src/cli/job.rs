@@ -245,7 +245,7 @@ pub(super) fn wrong_vehicle(typed: &str, error: &VehicleError) -> Failure {
 }
 
 /// Reads settings from TOML and checks their ranges.
-fn settings(file: &Path) -> Result<Settings, Failure> {
+pub(super) fn settings(file: &Path) -> Result<Settings, Failure> {
     let settings: Settings = read_toml(Input::Config, file)?;
     let wrong = |e| Failure::File(format!("--config {}: {}", file.display(), e));
     settings.validate().map(|()| settings).map_err(wrong)

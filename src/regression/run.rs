@@ -1,15 +1,12 @@
 //! Runs the drives of a suite in parallel, with the same result for every number of jobs.
 //!
-//! Every worker has its own thread pool. The planner searches as many paths in parallel as its pool has threads and discards
-//! a part of this work, which is free only while other cores are idle. So every drive gets one thread as long as there are
-//! more drives than jobs. Workers take the next drive from a counter; results are returned in the order of the suite.
+//! `workers` runs the drives; their results are in the order of the suite.
 
-use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
 
 use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
@@ -25,6 +22,7 @@ use crate::io::{commonroad, files};
 use crate::map::{PlanningProblem, Scenario};
 use crate::plot::run_svg;
 use crate::result::{Kind, RunResult};
+use crate::workers;
 
 /// Largest scenario, bytes; the same limit as in its reader.
 const MAX_SCENARIO_BYTES: u64 = 256 << 20;
@@ -145,7 +143,7 @@ impl Suite {
             .filter(|(i, _)| options.shard.is_none_or(|shard| shard.has(*i)))
             .map(|(_, case)| case)
             .collect();
-        let jobs = options.jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get);
+        let jobs = options.jobs.map_or_else(workers::cores, NonZeroUsize::get);
         let count = AtomicUsize::new(0);
         let driven = in_parallel(jobs, &selected, options, |case| {
             let Some(driven) = drive_or_recall(case, state.as_ref(), options)? else { return Ok(None) };
@@ -248,30 +246,12 @@ fn in_parallel<T: Sync, R: Send>(
     options: &Options,
     work: impl Fn(&T) -> Result<Option<R>, SuiteError> + Sync,
 ) -> Result<Vec<R>, SuiteError> {
-    let workers = jobs.min(items.len()).max(1);
-    let threads = (jobs / workers).max(1);
-    let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let results: Mutex<BTreeMap<usize, Result<R, SuiteError>>> = Mutex::new(BTreeMap::new());
-    let take_and_work = || {
-        while !failed.load(Ordering::Relaxed) && !options.is_cancelled() {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(index) else { break };
-            let Some(result) = work(item).transpose() else { continue };
-            if result.is_err() {
-                failed.store(true, Ordering::Relaxed);
-            }
-            results.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(index, result);
-        }
-    };
-    let pools: Result<Vec<_>, _> =
-        (0..workers).map(|_| rayon::ThreadPoolBuilder::new().num_threads(threads).build()).collect();
-    let pools = pools.map_err(|e| SuiteError::Fault(format!("cannot start threads: {e}")))?;
-    std::thread::scope(|scope| {
-        for pool in &pools {
-            scope.spawn(|| pool.install(take_and_work));
-        }
-    });
-    results.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner).into_values().collect()
+    let failed = AtomicBool::new(false);
+    let stop = || failed.load(Ordering::Relaxed) || options.is_cancelled();
+    let watched = |item: &T| work(item).inspect_err(|_| failed.store(true, Ordering::Relaxed));
+    let tried = workers::in_order(jobs, items, &stop, watched);
+    let tried = tried.map_err(|e| SuiteError::Fault(format!("cannot start threads: {e}")))?;
+    tried.into_iter().filter_map(Result::transpose).collect()
 }
 
 /// Drives the case, or takes the stored result of an earlier run; none if the run was cancelled between repetitions.

@@ -1,5 +1,6 @@
 //! `stopline bench`: arguments and outputs of the comparisons in [`crate::bench`].
 
+mod commonroad;
 mod fallbacks;
 mod safetlp;
 mod spirals;
@@ -14,6 +15,7 @@ use crate::verdict::Status;
 /// Runs a comparison.
 pub(super) fn run(comparison: Comparison) -> Result<Exit, Failure> {
     match comparison {
+        Comparison::Commonroad(args) => commonroad::run(args),
         Comparison::Fallbacks(args) => fallbacks::run(args),
         Comparison::Safetlp(args) => safetlp::run(args),
         Comparison::Spirals(args) => spirals::run(args),
