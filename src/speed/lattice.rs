@@ -7,8 +7,8 @@
 //! - **Clipped deceleration.** If v² < 2dΔs, the vehicle stops inside the cell. The action clips the deceleration so
 //!   that the vehicle stops at the next node. Without the clip, most start speeds never reach exactly zero and every
 //!   proof fails.
-//! - **Inevitable collision states** ([`super::inevitable_collision`]) are pruned when they leave the open list. They
-//!   count as expanded.
+//! - **Lost states** ([`super::lost`]), from which contact is inevitable or no safe standstill can be reached, are pruned when
+//!   they leave the open list. They count as expanded.
 //!
 //! States of one node, speed bin and time bin are duplicates ([`Resolution`]); a key packs the three indices into a
 //! `u64`. Without moving obstacles all times share one bin. States, open list and closed list keep their capacity from
@@ -19,8 +19,8 @@ use std::cmp::Ordering;
 use std::collections::{BinaryHeap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
 
-use super::inevitable_collision::InevitableCollisionStates;
-use super::{Resolution, SpeedPlan, SpeedProblem, SpeedState, Statistics};
+use super::lost::LostStates;
+use super::{Resolution, SpeedPlan, SpeedProblem, SpeedState, Statistics, Strategy};
 
 /// The vehicle stands below this speed, m/s: far above rounding errors, far below the slowest speed after an action.
 pub(super) const STANDSTILL_SPEED: f64 = 1e-6;
@@ -132,7 +132,9 @@ pub(super) struct Lattice<'a> {
     pub(super) problem: &'a SpeedProblem,
     pub(super) resolution: Resolution,
     time_matters: bool,
-    inevitable_collision: InevitableCollisionStates<'a>,
+    /// States in which a contact is inevitable, and those without a safe standstill, if the strategy asks for one.
+    to_contact: LostStates<'a>,
+    to_rest: Option<LostStates<'a>>,
     memory: Memory,
     pub(super) statistics: Statistics,
     /// The budget that ended a search, if one did.
@@ -152,6 +154,7 @@ pub enum Budget {
 /// each with up to a megabyte of nodes.
 pub(super) fn with<T>(
     problem: &SpeedProblem,
+    strategy: Strategy,
     resolution: &Resolution,
     search: impl FnOnce(&mut Lattice<'_>) -> T,
 ) -> (T, Statistics, Option<Budget>) {
@@ -159,7 +162,7 @@ pub(super) fn with<T>(
         static MEMORY: Cell<Memory> = Cell::default();
     }
     MEMORY.with(|kept| {
-        let mut lattice = Lattice::new(problem, *resolution, kept.take());
+        let mut lattice = Lattice::new(problem, strategy, *resolution, kept.take());
         let found = search(&mut lattice);
         lattice.clear_closed();
         lattice.swap_searches();
@@ -191,15 +194,16 @@ impl Memory {
 }
 
 impl<'a> Lattice<'a> {
-    fn new(problem: &'a SpeedProblem, resolution: Resolution, mut memory: Memory) -> Self {
+    fn new(problem: &'a SpeedProblem, strategy: Strategy, resolution: Resolution, mut memory: Memory) -> Self {
         memory.nodes.clear();
         memory.active.clear();
         memory.suspended.clear();
         let time_matters = problem.time_matters() || resolution.always_timed;
-        let inevitable_collision = InevitableCollisionStates::new(problem);
+        let to_contact = LostStates::to_contact(problem);
+        let to_rest = (strategy != Strategy::Naive).then(|| LostStates::to_rest(problem));
         let statistics = Statistics::default();
         let mut lattice =
-            Self { problem, resolution, time_matters, inevitable_collision, memory, statistics, exhausted: None };
+            Self { problem, resolution, time_matters, to_contact, to_rest, memory, statistics, exhausted: None };
         let root = SpeedState { node: 0, speed: problem.start_speed, time: problem.start_time };
         let key = lattice.key(&root);
         lattice.memory.nodes.push(Node { state: root, parent: NO_PARENT, key });
@@ -241,16 +245,15 @@ impl<'a> Lattice<'a> {
         std::mem::swap(active, suspended);
     }
 
-    /// Pops and closes the best open state that is neither closed nor an inevitable collision state. Inevitable
-    /// collision states count as expanded, because the test takes about as long as an expansion.
+    /// Pops and closes the best open state that is neither closed nor lost. Lost states count as expanded, because the test takes about
+    /// as long as an expansion.
     pub(super) fn next(&mut self, phase: Phase, budget: &mut usize) -> Option<usize> {
-        let braking = self.hardest_braking(phase);
         while let Some(Open { index, .. }) = self.memory.active.open.pop() {
             let Node { state, key, .. } = &self.memory.nodes[index];
             if !self.memory.active.closed.insert(*key) {
                 continue;
             }
-            if !self.inevitable_collision.contains(state, braking) {
+            if !self.is_lost(state, phase) {
                 return Some(index);
             }
             if !self.charge(budget) {
@@ -258,6 +261,15 @@ impl<'a> Lattice<'a> {
             }
         }
         None
+    }
+
+    /// Whether a state is lost: without a safe standstill, for which the vehicle may brake hard, or in front of a contact with the
+    /// actions of the phase.
+    fn is_lost(&self, state: &SpeedState, phase: Phase) -> bool {
+        let hardest = self.problem.limits.aggressive_deceleration;
+        self.to_rest.as_ref().is_some_and(|lost| lost.contains(state, hardest))
+            || ((phase == Phase::Explore || self.to_rest.is_none())
+                && self.to_contact.contains(state, self.hardest_braking(phase)))
     }
 
     /// Maximum deceleration of a phase, m/s².

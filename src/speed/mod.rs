@@ -53,8 +53,8 @@
 //! profile has unbounded jerk.
 
 pub mod bounds;
-mod inevitable_collision;
 mod lattice;
+mod lost;
 mod naive;
 mod outcome;
 mod plan_to_stop;
@@ -111,7 +111,7 @@ pub fn search(
 ) -> Result<SpeedOutcome, ProblemError> {
     problem.validate()?;
     resolution.validate()?;
-    let (plan, statistics, exhausted) = lattice::with(problem, resolution, |lattice| match strategy {
+    let (plan, statistics, exhausted) = lattice::with(problem, strategy, resolution, |lattice| match strategy {
         Strategy::Naive => Some(naive::search(lattice)),
         Strategy::PlanToStop => plan_to_stop::search(lattice),
         Strategy::SafeTlp => safe_tlp::search(lattice),

@@ -47,7 +47,7 @@ impl SpeedPlan {
 /// Effort of a search.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Number of expanded states in all phases, including states recognised as inevitable collision states.
+    /// Number of expanded states in all phases, including states recognised as lost.
     pub expansions: usize,
     /// Number of attempted stopping proofs, without the search from the root.
     pub proofs_tried: usize,
