@@ -68,6 +68,8 @@ pub(super) struct Proven {
     pub(super) raw_profile: SpeedProfile,
     /// Station of the complete plan after [`TRAVEL_TIME_HORIZON`], m.
     pub(super) progress: f64,
+    /// When the stop of the proof begins, s of the run: until then the plan is what the vehicle is meant to drive.
+    pub(super) proof_begins: f64,
     pub(super) expansions: usize,
     /// Blocked cells of the path.
     pub(super) blocked: Vec<BlockedCell>,
@@ -155,6 +157,7 @@ impl Situation<'_> {
                 }
                 let progress = smoothing::raw_profile(&sought, &plan).map(|p| p.at(TRAVEL_TIME_HORIZON).station);
                 plan.end_at_long_wait(&sought, LONG_WAIT);
+                let proof_begins = plan.states.get(plan.proof_starts).map_or(self.time, |state| state.time);
                 let problem = self.for_proof(&cells);
                 let PathCells { stations, along, stop, by_obstacle: blocked, .. } = cells;
                 let Some((raw_profile, progress)) = smoothing::raw_profile(&problem.0, &plan).zip(progress) else {
@@ -163,7 +166,7 @@ impl Situation<'_> {
                 #[cfg(test)]
                 let raw_profile = fault::applied(raw_profile);
                 let target = TargetLimits { stations, along, speeds: sought.speed_limits, for_window };
-                let proven = Proven { problem, target, stop, raw_profile, progress, expansions, blocked };
+                let proven = Proven { problem, target, stop, raw_profile, progress, proof_begins, expansions, blocked };
                 Evaluation::Proven(Box::new(proven))
             }
         }

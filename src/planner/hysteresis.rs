@@ -24,7 +24,7 @@
 //! Weak: if the committed plan passes nodes that the present layers do not contain, its continuation is only approximately
 //! among the candidates, and all of them pay a small cost. A committed path that is blocked by now is left at any cost.
 
-use super::candidate::TRAVEL_TIME_HORIZON;
+use super::candidate::{Situation, TRAVEL_TIME_HORIZON};
 use super::choice::Choice;
 use super::level::LevelLimits;
 use super::record::Rejection;
@@ -51,7 +51,7 @@ const SPACING: f64 = 5.0;
 /// The cost of leaving saturates at this departure, m: about the width of a lane.
 const MAX_DEPARTURE: f64 = 3.5;
 /// A path with a smaller departure is the committed path, m.
-const SAME_PATH: f64 = 0.5;
+pub(super) const SAME_PATH: f64 = 0.5;
 /// Distance to standstill at which the final approach begins, m.
 const FINAL_APPROACH: f64 = 4.0;
 /// Smallest additional progress for which a plan replaces the final approach, m.
@@ -143,13 +143,19 @@ impl Planner<'_> {
         let committed = self.committed.as_ref().filter(is_as_safe)?;
         let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;
         let weights = &self.settings.lattice.weights;
-        let behind =
-            self.situation(start, lane, level).free_progress() - plan.progress(start.point.time + TRAVEL_TIME_HORIZON);
+        let behind = self.situation(start, lane, level).behind(start, plan);
         Some(
             committed.path_cost
                 + weights.progress_shortfall * plan.driven_distance()
                 + weights.travel_time * behind.max(0.0),
         )
+    }
+}
+
+impl Situation<'_> {
+    /// How far the committed plan is behind unobstructed driving within the travel-time horizon, m.
+    pub(super) fn behind(&self, start: &Start, plan: &CommittedPlan<'_>) -> f64 {
+        self.free_progress() - plan.progress(start.point.time + TRAVEL_TIME_HORIZON)
     }
 }
 

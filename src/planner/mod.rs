@@ -5,10 +5,11 @@
 //! 1. It starts from the committed trajectory, so that the setpoints stay continuous, where the vehicle will be when the brakes
 //!    can respond (`lead`). If the vehicle is beside its plan, or the plan does not hold where the vehicle is
 //!    (`tube`), it starts from the measured state instead.
-//! 2. It builds lattice paths on every lane that leads to the goal.
-//! 3. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
+//! 2. If the committed plan holds and nothing has changed that it was chosen for, the cycle ends with it (`settled`).
+//! 3. It builds lattice paths on every lane that leads to the goal.
+//! 4. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
 //!    stop is proven**.
-//! 4. It refines the chosen path, smooths its speed profile and commits the result. If no plan is proven, the previous
+//! 5. It refines the chosen path, smooths its speed profile and commits the result. If no plan is proven, the previous
 //!    plan continues, at the latest to its stop.
 //!
 //! A single rule decides when a new plan replaces the committed one (`hysteresis`).
@@ -42,6 +43,7 @@ mod record;
 mod refinement;
 mod reproof;
 mod settings;
+mod settled;
 #[cfg(test)]
 mod tests;
 mod traffic;
@@ -69,6 +71,7 @@ use self::lanes::Lane;
 use self::lead::Lead;
 use self::level::LevelLimits;
 use self::profile::WithProfile;
+use self::settled::Compared;
 use self::traffic::Traffic;
 use self::tube::{Deviation, Driven, Tube};
 use crate::collision::{SafetyMargins, Sweep};
@@ -137,6 +140,12 @@ struct Committed {
     robust: bool,
     limited_by: Option<Cause>,
     stops_for: Option<Cause>,
+    /// When the stop of its proof begins, s of the run.
+    proof_begins: f64,
+    /// Its lane, as long as there are the same lanes.
+    lane: Option<usize>,
+    /// The comparison with other plans, as long as nothing has changed since.
+    compared: Option<Compared>,
 }
 
 impl Committed {
@@ -246,6 +255,9 @@ impl<'m> Planner<'m> {
         self.haste = self.haste(&start);
         let mut record = CycleRecord::default();
         // no plan can prevent a contact during the lead, and a vehicle that skids or rolls backwards follows no plan
+        if self.is_settled(&start) {
+            return Ok(self.cycle_of(state.time, Decision::Continue, None, record, begun));
+        }
         let is_hopeless = start.lead_contact.is_some() || start.is_astray;
         let levels = if is_hopeless { Vec::new() } else { self.levels(start.point.speed) };
         let choice = self.choose(&start, &levels, &mut record);
@@ -264,9 +276,13 @@ impl<'m> Planner<'m> {
                 trace.blocked =
                     chosen.choice.proven.blocked.iter().map(|cell| cell.moved(start.lead.length())).collect();
                 self.committed = Some(self.committed_of(&start, level, chosen));
+                self.note_comparison(&start);
                 Decision::NewPlan
             }
-            None if start.on_plan && self.has_proof() => Decision::KeepPrevious,
+            None if start.on_plan && self.has_proof() => {
+                self.note_comparison(&start);
+                Decision::KeepPrevious
+            }
             None => {
                 let unproven = self.unproven(&start, &mut record);
                 contact = unproven.1;
@@ -275,11 +291,23 @@ impl<'m> Planner<'m> {
                 Decision::Unproven
             }
         };
+        Ok(self.cycle_of(state.time, decision, contact, record, begun))
+    }
+
+    /// The result of a cycle: the committed plan.
+    fn cycle_of(
+        &self,
+        time: f64,
+        decision: Decision,
+        expected_contact: Option<ExpectedContact>,
+        CycleRecord { mut trace, .. }: CycleRecord,
+        begun: Instant,
+    ) -> Cycle {
         let committed = self.committed.as_ref().unwrap_or_else(|| unreachable!("each decision commits a plan"));
-        record.trace.is_refined = committed.is_refined;
-        record.trace.stage_seconds.total = begun.elapsed().as_secs_f64();
+        trace.is_refined = committed.is_refined;
+        trace.stage_seconds.total = begun.elapsed().as_secs_f64();
         let plan = Plan {
-            time: state.time,
+            time,
             trajectory: committed.trajectory.clone(),
             decision,
             level: committed.level,
@@ -288,9 +316,9 @@ impl<'m> Planner<'m> {
             smoothing: committed.smoothing,
             limited_by: committed.limited_by,
             stops_for: committed.stops_for,
-            expected_contact: contact,
+            expected_contact,
         };
-        Ok(Cycle { plan, trace: record.trace })
+        Cycle { plan, trace }
     }
 
     /// Takes over what is known now. Nothing is changed if it is refused.
@@ -304,9 +332,13 @@ impl<'m> Planner<'m> {
             self.limits = ProofLimits::new(&self.described, *friction);
             self.unreserved = ProofLimits::unreserved(&self.described, *friction);
             (self.vehicle, self.friction) = (self.limits.applied_to(&self.described), *friction);
+            self.forget_comparison();
         }
         let change = self.known.renew(obstacles, state.time, self.map, &self.vehicle, &self.settings)?;
         self.traffic.renew(change);
+        if change != Change::Nothing {
+            self.forget_comparison();
+        }
         if change == Change::Static {
             self.lanes.iter_mut().flatten().for_each(|lane| lane.edges = Default::default());
         }
@@ -318,6 +350,7 @@ impl<'m> Planner<'m> {
             let centre = self.vehicle.centre_of_rear_axle(&state.pose);
             self.lanes = Lane::all(self.map.network, goals, &centre, &self.vehicle);
             self.goals = Some(Arc::clone(goals));
+            self.forget_lane();
         }
         self.time = state.time;
         Ok(())
@@ -340,6 +373,15 @@ impl<'m> Planner<'m> {
                 Lane::all(self.map.network, self.goals.as_deref().unwrap_or_default(), &centre, &self.vehicle)
         {
             self.lanes = Ok(lanes);
+            self.forget_lane();
+        }
+    }
+
+    /// The lanes have changed, and with them what the committed plan was chosen for.
+    fn forget_lane(&mut self) {
+        self.forget_comparison();
+        if let Some(committed) = &mut self.committed {
+            committed.lane = None;
         }
     }
 
@@ -484,6 +526,9 @@ impl<'m> Planner<'m> {
             robust: level.robust,
             limited_by,
             stops_for,
+            proof_begins: choice.proven.proof_begins,
+            lane: Some(choice.lane),
+            compared: None,
         }
     }
 

@@ -142,6 +142,9 @@ pub enum Decision {
     NewPlan,
     /// The previous plan continues: its stop was proven again for what is known now, and no new plan was better.
     KeepPrevious,
+    /// The previous plan continues: its stop was proven again, nothing has changed that it was chosen for, and no other plan was looked
+    /// for.
+    Continue,
     /// No proven plan exists: the committed plan evades or makes the first contact late and slow.
     Unproven,
 }
@@ -288,6 +291,7 @@ impl Cycle {
                 "keep previous plan: the best candidate is below the switching threshold".to_owned()
             }
             Decision::KeepPrevious => format!("keep previous plan: {}", no_proof()),
+            Decision::Continue => "continue: the plan holds, and nothing has changed that it was chosen for".to_owned(),
             Decision::Unproven => {
                 let contact = match &self.plan.expected_contact {
                     Some(contact) => contact.to_string(),
@@ -317,6 +321,7 @@ impl Decision {
         match self {
             Self::NewPlan => "new_plan",
             Self::KeepPrevious => "keep_previous",
+            Self::Continue => "continue",
             Self::Unproven => "unproven",
         }
     }

@@ -36,7 +36,8 @@ impl Planner<'_> {
             weaker.into_iter().find(|(_, margins, robust)| self.holds(&committed, margins, *robust, state.time));
         let (level, margins, robust) = holds.unwrap_or((Level::Unproven, margins, false));
         let statics = self.known.statics;
-        self.committed = Some(Committed { level, margins, robust, statics, ..committed });
+        let compared = committed.compared.filter(|_| (level, robust) == (as_before.0, as_before.2));
+        self.committed = Some(Committed { level, margins, robust, statics, compared, ..committed });
     }
 
     fn holds(&self, plan: &Committed, margins: &SafetyMargins, robust: bool, now: f64) -> bool {

@@ -91,6 +91,9 @@ impl Planner<'_> {
             robust: false,
             limited_by: None,
             stops_for: None,
+            proof_begins: start.point.time,
+            lane: None,
+            compared: None,
         };
         (committed, best.contact)
     }

@@ -33,11 +33,9 @@ fn lines(run: &Run) -> Vec<Line> {
     let mut lines = Vec::new();
     let mut last = None;
     for cycle in &run.cycles {
-        let kind = Kind::of(run, cycle);
-        if last != Some(kind) {
-            lines.push(Line { time: cycle.plan.time, level: kind.level(), text: summary(cycle) });
-            last = Some(kind);
-        }
+        let Some(kind) = Kind::of(run, cycle).filter(|kind| last != Some(*kind)) else { continue };
+        lines.push(Line { time: cycle.plan.time, level: kind.level(), text: summary(cycle) });
+        last = Some(kind);
     }
     let log = &run.log;
     if let Some(contact) = log.contact {
@@ -71,15 +69,17 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(run: &Run, cycle: &Cycle) -> Self {
-        match cycle.plan.decision {
+    /// `None` where the previous plan continues without a decision.
+    fn of(run: &Run, cycle: &Cycle) -> Option<Self> {
+        Some(match cycle.plan.decision {
             Decision::NewPlan => Self::NewPlan {
                 lane: chosen(cycle).map(|c| c.lane),
                 is_comfortable: cycle.plan.deceleration <= run.vehicle.comfort.deceleration + COMFORT_TOLERANCE,
             },
             Decision::KeepPrevious => Self::KeepPrevious { below_threshold: is_below_threshold(cycle) },
+            Decision::Continue => return None,
             Decision::Unproven => Self::Unproven,
-        }
+        })
     }
 
     fn level(self) -> &'static str {
@@ -116,6 +116,7 @@ fn summary(cycle: &Cycle) -> String {
             format!("keep previous plan: the best candidate is below the switching threshold; {stop}")
         }
         Decision::KeepPrevious => format!("keep previous plan: no candidate has a proven stop; {stop}"),
+        Decision::Continue => format!("continue: nothing has changed that the plan was chosen for; {stop}"),
         Decision::Unproven => match &cycle.plan.expected_contact {
             Some(contact) => format!("unproven: {contact}"),
             None => "unproven: no contact expected".into(),

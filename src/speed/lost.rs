@@ -138,7 +138,11 @@ fn standstill_blocked(problem: &SpeedProblem, node: usize) -> Vec<TimeInterval> 
         if from <= to {
             both.push((from, to));
         }
-        if one.1 < other.1 { a.next() } else { b.next() };
+        if one.1 < other.1 {
+            a.next()
+        } else {
+            b.next()
+        };
     }
     both
 }

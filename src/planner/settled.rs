@@ -1,0 +1,85 @@
+//! When a cycle ends with the committed plan, without a search for another.
+//!
+//! Each cycle proves the committed plan again. If that succeeds with the margins that it was chosen with, and nothing has changed that it
+//! was chosen for (obstacles and their predictions, goals, friction, lanes), then every other path of that choice still costs more: what
+//! was ahead then is ahead now. Only two things can make another plan worth it: the part of the road that has come within the horizon
+//! since, and the stop at the end of the committed plan, which a new plan would put farther ahead. A cycle ends with the committed plan if
+//!
+//! * the last search is less than [`LONGEST`] ago: the horizon of the lattice exceeds the stopping distance by two seconds of driving, of
+//!   which this is a quarter;
+//! * the stop of its proof begins later than in [`BEFORE_STOP`]; or what it has fallen behind unobstructed driving since the search costs
+//!   less than leaving it for a path that counts as another one (`hysteresis`), as where it is meant to stop;
+//! * it is not on an emergency level, and has a jerk-limited speed profile;
+//! * it does not miss a goal that closes soon, and the goal asks for no haste.
+//!
+//! Weak: predictions that change in every observation, however little, lead to a search in every cycle.
+
+use super::arrival::Passing;
+use super::hysteresis::{CommittedPlan, SAME_PATH};
+use super::level::Level;
+use super::record::Smoothing;
+use super::{Planner, Start};
+
+/// Longest time without a search, s.
+const LONGEST: f64 = 0.5;
+/// Time before the stop of a proof from which on each cycle searches for a plan that goes on, s: that to the next search, and as much for
+/// the deceleration to build up.
+const BEFORE_STOP: f64 = 2.0 * LONGEST;
+/// Rounding of times, s.
+const TIME_SLACK: f64 = 1e-6;
+
+/// When the committed plan was last compared with others, and how far it was behind unobstructed driving then.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Compared {
+    /// s of the run.
+    time: f64,
+    /// m within the travel-time horizon.
+    behind: f64,
+}
+
+impl Planner<'_> {
+    /// Notes that the committed plan won against all others in this cycle.
+    pub(super) fn note_comparison(&mut self, start: &Start) {
+        let compared = self.behind(start).map(|behind| Compared { time: start.point.time, behind });
+        if let Some(committed) = &mut self.committed {
+            committed.compared = compared;
+        }
+    }
+
+    /// Notes that the committed plan was chosen for other circumstances than the present ones.
+    pub(super) fn forget_comparison(&mut self) {
+        if let Some(committed) = &mut self.committed {
+            committed.compared = None;
+        }
+    }
+
+    /// Whether no other plan can be worth leaving the committed one.
+    pub(super) fn is_settled(&self, start: &Start) -> bool {
+        let Some((plan, Compared { time, behind })) = self.committed.as_ref().and_then(|c| Some((c, c.compared?)))
+        else {
+            return false;
+        };
+        let weights = &self.settings.lattice.weights;
+        let costs = |now: f64| weights.travel_time * (now - behind) <= weights.plan_change * SAME_PATH;
+        start.on_plan
+            && self.haste.is_none()
+            && start.point.time < time + LONGEST - TIME_SLACK
+            && plan.level <= Level::NoMargin
+            && matches!(plan.smoothing, Smoothing::Comfortable | Smoothing::Firm)
+            && (start.point.time + BEFORE_STOP < plan.proof_begins || self.behind(start).is_some_and(costs))
+            && !self.misses_goal(start.point.time, |time| {
+                let at = plan.trajectory.at(time);
+                Passing { pose: at.pose, speed: at.speed }
+            })
+    }
+
+    /// How far the committed plan is behind unobstructed driving, m; `None` if its lane is gone.
+    fn behind(&self, start: &Start) -> Option<f64> {
+        let committed = self.committed.as_ref()?;
+        let here = committed.trajectory.at(start.point.time);
+        let plan = CommittedPlan::new(&committed.trajectory, committed.lead, &here);
+        let level = self.levels(start.point.speed).into_iter().find(|l| l.level == committed.level)?;
+        let lane = self.lanes.as_ref().ok()?.get(committed.lane?)?;
+        Some(self.situation(start, lane, level).behind(start, &plan))
+    }
+}
