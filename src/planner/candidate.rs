@@ -1,10 +1,12 @@
 //! The speed problem of a lattice path: speed limits, blocked intervals, search with SafeTLP.
 
+use std::sync::{Arc, OnceLock};
+
 use super::along::Along;
 use super::goal::GoalOnLane;
 use super::record::{BlockedCell, Cause, Rejection};
 use super::settings::Settings;
-use crate::collision::{Blocker, Margins, Predictions};
+use crate::collision::{BlockedGrid, Blocker, Margins, Predictions};
 use crate::geometry::steps::fitting;
 use crate::lattice::{CostTerms, LatticePath};
 use crate::reference::ReferenceLine;
@@ -86,11 +88,17 @@ pub(super) struct ForProof(pub(super) SpeedProblem);
 pub(super) struct TargetLimits {
     /// Stations of the nodes, m, and of the reference line beside them.
     pub(super) stations: Vec<f64>,
-    pub(super) along: Along,
+    pub(super) along: Arc<Along>,
     /// Limits at the nodes, m/s.
     pub(super) speeds: Vec<f64>,
     /// The one of the goal's time window, m/s.
     for_window: f64,
+}
+
+/// What all evaluations of a path with the same margins, obstacles and start have in common.
+pub(super) struct Course {
+    along: Arc<Along>,
+    grid: BlockedGrid,
 }
 
 /// Curvature (1/m) and its derivative by arc length (1/m²) at the [`PLACES`] of a cell.
@@ -103,7 +111,7 @@ struct PathCells {
     /// Blocked intervals of the cells between them, and of the pose at the first node.
     blocked: Vec<Vec<TimeInterval>>,
     blocked_at_start: Vec<TimeInterval>,
-    along: Along,
+    along: Arc<Along>,
     /// Those of the cells.
     bends: Vec<Bends>,
     stop: Option<(f64, Cause)>,
@@ -127,11 +135,16 @@ pub(super) enum Evaluation {
 impl Situation<'_> {
     /// Searches for a speed profile along a path.
     pub(super) fn evaluate(&self, path: &LatticePath) -> Evaluation {
+        self.evaluate_on(path, &OnceLock::new())
+    }
+
+    /// [`Self::evaluate`] with what an earlier evaluation has found of the path, or the place for it.
+    pub(super) fn evaluate_on(&self, path: &LatticePath, course: &OnceLock<Course>) -> Evaluation {
         if self.is_curve_speed_infeasible(path) {
             let blocked_by = Some(Cause::Bend);
             return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0, blocked_by };
         }
-        let Some(cells) = self.cells(path) else {
+        let Some(cells) = self.cells(path, course.get_or_init(|| self.course(path))) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by: None };
         };
         let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
@@ -174,7 +187,7 @@ impl Situation<'_> {
 
     /// The contact-free motion as far along a path as a search gets that does not ask for a stop; `None` if it gets nowhere.
     pub(super) fn explored(&self, path: &LatticePath) -> Option<SpeedProfile> {
-        let ForSearch(sought, _) = self.for_search(&self.cells(path)?);
+        let ForSearch(sought, _) = self.for_search(&self.cells(path, &self.course(path))?);
         let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
         match search(&sought, Strategy::Naive, &resolution) {
             Ok(SpeedOutcome::Unproven { plan, .. }) => smoothing::raw_profile(&sought, &plan),
@@ -281,13 +294,16 @@ impl Situation<'_> {
         (self.long_run || goal_passed) && front + GRID >= self.reference.length()
     }
 
-    /// The cells of a path with the times at which they are blocked; `None` if none of them is free and the vehicle moves.
-    fn cells(&self, path: &LatticePath) -> Option<PathCells> {
-        let along = Along::new(&path.path, self.reference, self.station);
-        let (end, stops_for) = self.end_of_path(path, &along);
+    fn course(&self, path: &LatticePath) -> Course {
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
         let times = (self.time, self.horizon.max(self.time + 1.0));
         let grid = self.traffic.blocked_finely(&sweeps, &self.margins, times, self.fine_until);
+        Course { along: Arc::new(Along::new(&path.path, self.reference, self.station)), grid }
+    }
+
+    /// The cells of a path with the times at which they are blocked; `None` if none of them is free and the vehicle moves.
+    fn cells(&self, path: &LatticePath, Course { along, grid }: &Course) -> Option<PathCells> {
+        let (end, stops_for) = self.end_of_path(path, along);
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
             // no free cell: only a stopped vehicle has a plan here
@@ -311,7 +327,7 @@ impl Situation<'_> {
             stop: stops_for.map(|cause| (end, cause)),
             bends: stations.windows(2).map(|cell| bends_of(path, cell)).collect(),
             stations,
-            along,
+            along: Arc::clone(along),
         })
     }
 

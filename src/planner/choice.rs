@@ -5,15 +5,34 @@
 //! many as there are threads. Results that an earlier result makes unnecessary are dropped and not counted. So the record is
 //! that of a sequential evaluation, to the byte, for every number of threads.
 
+use std::sync::OnceLock;
+
 use rayon::prelude::*;
 
-use super::candidate::{Evaluation, Proven, delay};
+use super::candidate::{Course, Evaluation, Proven, delay};
 use super::level::LevelLimits;
 use super::record::{Candidate, Cause, Rejection};
 use super::tube::{OutOfTube, Tube};
 use super::{CycleRecord, Planner, Start};
 use crate::collision::SafetyMargins;
 use crate::lattice::{LatticePath, rank};
+
+/// A lattice path with what does not depend on the level.
+pub(super) struct Prepared {
+    pub(super) path: LatticePath,
+    course: OnceLock<Course>,
+}
+
+impl Prepared {
+    pub(super) fn new(path: LatticePath) -> Self {
+        Self { path, course: OnceLock::new() }
+    }
+
+    /// Drops what depends on the obstacles and their resolution.
+    pub(super) fn renew(&mut self) {
+        self.course = OnceLock::new();
+    }
+}
 
 /// A path with its speed, ready to be committed.
 pub(super) struct Choice {
@@ -34,7 +53,7 @@ impl Planner<'_> {
         start: &Start,
         lane: usize,
         level: LevelLimits,
-        paths: &[LatticePath],
+        paths: &[Prepared],
         best: &mut Option<Choice>,
         record: &mut CycleRecord,
     ) {
@@ -43,12 +62,13 @@ impl Planner<'_> {
         let free = situation.free_progress();
         for group in paths.chunks(rayon::current_num_threads()) {
             let limit = best.as_ref().map(|b| rank(b.cost));
-            let evaluate = |path: &LatticePath| is_worth_it(path, limit).then(|| situation.evaluate(path));
+            let evaluate =
+                |p: &Prepared| is_worth_it(&p.path, limit).then(|| situation.evaluate_on(&p.path, &p.course));
             let evaluations: Vec<_> = match group {
                 [one] => vec![evaluate(one)],
                 several => several.par_iter().map(evaluate).collect(),
             };
-            for (path, evaluation) in group.iter().zip(evaluations) {
+            for (Prepared { path, .. }, evaluation) in group.iter().zip(evaluations) {
                 let evaluation = evaluation.filter(|_| is_worth_it(path, best.as_ref().map(|b| rank(b.cost))));
                 let mut note = Candidate {
                     path: path.path.clone(),

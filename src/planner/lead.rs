@@ -162,7 +162,8 @@ impl Planner<'_> {
         let allowance = allowance_at(world, &NO_MARGINS, &at, Kept::Nothing);
         let hit = world.probe_path(&path).static_hit(&NO_MARGINS, &allowance);
         let fixed = hit.map(|hit| (hit.station, hit.what));
-        first_contact(world.predictions(), &[&sweep], fixed, &profile, (lead.begins, ends))
+        let grid = self.all_blocked(&[&sweep], lead.begins, profile.knots()[0].speed);
+        first_contact(&grid, fixed, &profile, (lead.begins, ends))
     }
 }
 

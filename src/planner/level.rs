@@ -93,6 +93,11 @@ impl LevelLimits {
         self.margins == other.margins
     }
 
+    /// Whether the moving obstacles block the same cells of a path on this level as on another one with the same margins.
+    pub(super) fn sees_traffic_as(&self, other: &Self) -> bool {
+        (self.robust, self.is_fine) == (other.robust, other.is_fine)
+    }
+
     /// Whether it is one of the emergency levels.
     pub(super) fn is_emergency(&self) -> bool {
         matches!(self.level, Level::Emergency(_))

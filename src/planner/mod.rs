@@ -5,7 +5,7 @@
 //! 1. It starts from the committed trajectory, so that the setpoints stay continuous, where the vehicle will be when the brakes
 //!    can respond (`lead`). If the vehicle is beside its plan, or the plan does not hold where the vehicle is
 //!    (`tube`), it starts from the measured state instead.
-//! 2. If the committed plan holds and nothing has changed that it was chosen for, the cycle ends with it (`settled`).
+//! 2. If the committed plan holds and was compared with others a moment ago, the cycle ends with it (`settled`).
 //! 3. It builds lattice paths on every lane that leads to the goal.
 //! 4. It searches for a speed profile on each path with SafeTLP and chooses the cheapest pair of path and speed **whose
 //!    stop is proven**.
@@ -65,7 +65,7 @@ use std::time::Instant;
 
 use self::allowance::Kept;
 use self::candidate::Situation;
-use self::choice::Choice;
+use self::choice::{Choice, Prepared};
 use self::known::{Change, Known};
 use self::lanes::Lane;
 use self::lead::Lead;
@@ -336,7 +336,7 @@ impl<'m> Planner<'m> {
         }
         let change = self.known.renew(obstacles, state.time, self.map, &self.vehicle, &self.settings)?;
         self.traffic.renew(change);
-        if change != Change::Nothing {
+        if change == Change::Static {
             self.forget_comparison();
         }
         if change == Change::Static {
@@ -438,11 +438,18 @@ impl<'m> Planner<'m> {
         for group in levels.chunk_by(LevelLimits::has_paths_of) {
             let begun = Instant::now();
             let lanes = 0..self.lanes.as_ref().map_or(0, Vec::len);
-            let paths: Vec<_> =
-                lanes.map(|lane| self.lattice_paths(start, lane, group[0], &mut record.trace.edges)).collect();
+            let mut paths: Vec<Vec<Prepared>> = lanes
+                .map(|lane| self.lattice_paths(start, lane, group[0], &mut record.trace.edges))
+                .map(|paths| paths.into_iter().map(Prepared::new).collect())
+                .collect();
+            let mut before = &group[0];
             record.trace.stage_seconds.lattice += begun.elapsed().as_secs_f64();
             let begun = Instant::now();
             let gentlest = group.iter().find_map(|level| {
+                if !level.sees_traffic_as(before) {
+                    paths.iter_mut().flatten().for_each(Prepared::renew);
+                }
+                before = level;
                 let mut best = None;
                 for (lane, paths) in paths.iter().enumerate() {
                     self.evaluate_all(start, lane, *level, paths, &mut best, record);

@@ -142,7 +142,7 @@ pub enum Decision {
     NewPlan,
     /// The previous plan continues: its stop was proven again for what is known now, and no new plan was better.
     KeepPrevious,
-    /// The previous plan continues: its stop was proven again, nothing has changed that it was chosen for, and no other plan was looked
+    /// The previous plan continues: its stop was proven again, it was compared with others a moment ago, and no other plan was looked
     /// for.
     Continue,
     /// No proven plan exists: the committed plan evades or makes the first contact late and slow.
@@ -291,7 +291,7 @@ impl Cycle {
                 "keep previous plan: the best candidate is below the switching threshold".to_owned()
             }
             Decision::KeepPrevious => format!("keep previous plan: {}", no_proof()),
-            Decision::Continue => "continue: the plan holds, and nothing has changed that it was chosen for".to_owned(),
+            Decision::Continue => "continue: the plan holds, and was compared with others a moment ago".to_owned(),
             Decision::Unproven => {
                 let contact = match &self.plan.expected_contact {
                     Some(contact) => contact.to_string(),

@@ -1,9 +1,10 @@
 //! When a cycle ends with the committed plan, without a search for another.
 //!
-//! Each cycle proves the committed plan again. If that succeeds with the margins that it was chosen with, and nothing has changed that it
-//! was chosen for (obstacles and their predictions, goals, friction, lanes), then every other path of that choice still costs more: what
-//! was ahead then is ahead now. Only two things can make another plan worth it: the part of the road that has come within the horizon
-//! since, and the stop at the end of the committed plan, which a new plan would put farther ahead. A cycle ends with the committed plan if
+//! Each cycle proves the committed plan again, for the present obstacles and predictions. If that succeeds on the level that it was chosen
+//! on, it is as safe as it was. It is also as good, compared with others, if static obstacles, goals, friction and lanes are the same and
+//! the traffic moves as predicted: what was ahead then is ahead now. Only two things can make another plan worth it: the part of the road
+//! that has come within the horizon since, and the stop at the end of the committed plan, which a new plan would put farther ahead. A cycle
+//! ends with the committed plan if
 //!
 //! * the last search is less than [`LONGEST`] ago: the horizon of the lattice exceeds the stopping distance by two seconds of driving, of
 //!   which this is a quarter;
@@ -12,7 +13,8 @@
 //! * it is not on an emergency level, and has a jerk-limited speed profile;
 //! * it does not miss a goal that closes soon, and the goal asks for no haste.
 //!
-//! Weak: predictions that change in every observation, however little, lead to a search in every cycle.
+//! Weak: a gap that opens unexpectedly is seen by the next search, up to [`LONGEST`] later. One that closes refutes the plan at once, but
+//! only if it is less than the margins: the time gap is a wish.
 
 use super::arrival::Passing;
 use super::hysteresis::{CommittedPlan, SAME_PATH};
@@ -46,7 +48,7 @@ impl Planner<'_> {
         }
     }
 
-    /// Notes that the committed plan was chosen for other circumstances than the present ones.
+    /// Notes that the committed plan was chosen for another road or task than the present one.
     pub(super) fn forget_comparison(&mut self) {
         if let Some(committed) = &mut self.committed {
             committed.compared = None;

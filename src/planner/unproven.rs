@@ -21,7 +21,7 @@ use super::profile::WithProfile;
 use super::record::ExpectedContact;
 use super::tube::Tube;
 use super::{Committed, CycleRecord, Planner, Smoothing, Start};
-use crate::collision::{Allowance, Blocker, Predictions, Sweep};
+use crate::collision::{Allowance, BlockedGrid, Blocker, Sweep};
 use crate::geometry::spiral::CubicSpiral;
 use crate::trajectory::{Path, SpeedKnot, SpeedProfile, Trajectory};
 
@@ -139,6 +139,7 @@ impl Planner<'_> {
             for path in paths.iter().filter(|path| !situation.is_curve_speed_infeasible(path)) {
                 let sweeps: Vec<&Sweep> = path.sweeps.iter().map(AsRef::as_ref).collect();
                 let blocked_at = path.blocked_by.map(|what| (path.free_length, what));
+                let grid = self.all_blocked(&sweeps, start.point.time, start.point.speed);
                 let explored = || situation.explored(path).map(|profile| then_braking(profile, deceleration));
                 let motions: [&dyn Fn() -> Option<SpeedProfile>; 2] =
                     [&|| Some(full_braking(start.point.speed, deceleration)), &explored];
@@ -146,7 +147,7 @@ impl Planner<'_> {
                     if best.contact.is_none() {
                         return;
                     }
-                    let evading = motion().and_then(|p| self.evading_along(start, &path.path, &sweeps, blocked_at, &p));
+                    let evading = motion().and_then(|p| self.evading_along(start, &path.path, &grid, blocked_at, &p));
                     if let Some(evading) = evading.filter(|e| e.is_better_than(best)) {
                         *best = evading;
                     }
@@ -167,7 +168,8 @@ impl Planner<'_> {
         let sweep = world.sweep_path(&path);
         let hit = world.probe_path(&path).static_hit(&NO_MARGINS, &Allowance::NONE);
         let blocked_at = hit.map(|hit| (hit.station, hit.what));
-        self.evading_along(start, &path, &[&sweep], blocked_at, &full_braking(p.speed, deceleration))
+        let grid = self.all_blocked(&[&sweep], p.time, p.speed);
+        self.evading_along(start, &path, &grid, blocked_at, &full_braking(p.speed, deceleration))
             .unwrap_or_else(|| unreachable!("the path is long enough to stop on"))
     }
 
@@ -176,7 +178,7 @@ impl Planner<'_> {
         &self,
         start: &Start,
         path: &Path,
-        sweeps: &[&Sweep],
+        grid: &BlockedGrid,
         blocked_at: Option<(f64, Blocker)>,
         profile: &SpeedProfile,
     ) -> Option<Evading> {
@@ -188,9 +190,18 @@ impl Planner<'_> {
         } else {
             path.clone()
         };
-        let predictions = self.known.world.predictions();
-        let contact = first_contact(predictions, sweeps, blocked_at, profile, (p.time, f64::INFINITY));
+        let contact = first_contact(grid, blocked_at, profile, (p.time, f64::INFINITY));
         Some(Evading { trajectory: start.lead.followed_by(&path, profile), contact: start.lead_contact.or(contact) })
+    }
+}
+
+impl Planner<'_> {
+    /// The cells that all moving obstacles, also yielding ones, block on sweeps from a time (s of the run) on; finely where a vehicle with a
+    /// speed (m/s) is soon.
+    pub(super) fn all_blocked(&self, sweeps: &[&Sweep], from: f64, speed: f64) -> BlockedGrid {
+        let predictions = self.known.world.predictions();
+        let times = (from, predictions.horizon().max(from + 1.0));
+        predictions.blocked_finely(sweeps, &NO_MARGINS.moving_obstacles, times, fine_until(speed))
     }
 }
 
@@ -228,11 +239,10 @@ fn arrival(profile: &SpeedProfile, station: f64) -> Option<(f64, f64)> {
     Some((from.time + takes, speed))
 }
 
-/// The first contact on sweeps, with constant accelerations between the knots of the profile: with what blocks them from a station (m)
-/// on, or with moving obstacles. `until` (s of the run) is when the vehicle leaves the end of the profile; infinite where it stands there.
+/// The first contact of a profile with constant accelerations between its knots: with what blocks the path from a station (m) on, or with
+/// moving obstacles on a grid. `until` (s of the run) is when the vehicle leaves the end of the profile; infinite where it stands there.
 pub(super) fn first_contact(
-    predictions: &Predictions,
-    sweeps: &[&Sweep],
+    grid: &BlockedGrid,
     blocked_at: Option<(f64, Blocker)>,
     profile: &SpeedProfile,
     (begins, until): (f64, f64),
@@ -242,9 +252,6 @@ pub(super) fn first_contact(
         let (time, speed) = arrival(profile, station).filter(|_| station < profile.last().station)?;
         Some(ExpectedContact { what, time: begins + time, speed })
     });
-    let margins = &NO_MARGINS.moving_obstacles;
-    let times = (begins, until.min(predictions.horizon()).max(begins + 1.0));
-    let grid = predictions.blocked_finely(sweeps, margins, times, fine_until(profile.knots()[0].speed));
     let visit = |cell: usize| {
         let from = begins + arrival(profile, grid.stations()[cell])?.0;
         let to = arrival(profile, grid.stations()[cell + 1]).map_or(until, |(time, _)| begins + time);

@@ -116,7 +116,7 @@ fn summary(cycle: &Cycle) -> String {
             format!("keep previous plan: the best candidate is below the switching threshold; {stop}")
         }
         Decision::KeepPrevious => format!("keep previous plan: no candidate has a proven stop; {stop}"),
-        Decision::Continue => format!("continue: nothing has changed that the plan was chosen for; {stop}"),
+        Decision::Continue => format!("continue: the plan was compared with others a moment ago; {stop}"),
         Decision::Unproven => match &cycle.plan.expected_contact {
             Some(contact) => format!("unproven: {contact}"),
             None => "unproven: no contact expected".into(),

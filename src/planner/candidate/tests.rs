@@ -161,7 +161,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     let window = (0.0, f64::INFINITY);
     let goal = GoalOnLane { near: beside(45.0), far: beside(55.0), speed: (0.0, 0.3), window, target: None };
     let situation = place.situation(begins, Some(goal), &[]);
-    let (end, cause) = situation.cells(&path).unwrap().stop.unwrap();
+    let (end, cause) = situation.cells(&path, &situation.course(&path)).unwrap().stop.unwrap();
     let station = goal.stop_station();
     assert_eq!(cause, Cause::Goal);
     let expected = 45.0 + station - goal.near;
@@ -170,7 +170,7 @@ fn goals_rules_and_zones_are_where_they_are_beside_a_path_on_the_inner_side_of_a
     // a zone without stopping
     let zone = [(beside(30.0), beside(40.0))];
     let situation = place.situation(begins, None, &zone);
-    let cells = situation.cells(&path).unwrap();
+    let cells = situation.cells(&path, &situation.course(&path)).unwrap();
     let ForSearch(problem, _) = situation.for_search(&cells);
     let nodes = || problem.stations.iter().map(|s| y(*s)).zip(&problem.stopping_allowed);
     assert!(
