@@ -13,7 +13,6 @@
 use super::candidate::{Situation, TRAVEL_TIME_HORIZON};
 use super::goal::is_met;
 use super::{Planner, Start};
-use crate::geometry::Pose;
 use crate::geometry::steps::fitting;
 use crate::lattice::LatticePath;
 use crate::trajectory::SpeedProfile;
@@ -76,20 +75,16 @@ impl Situation<'_> {
 impl Planner<'_> {
     /// Charges a path for missing the goal with its speed profile.
     pub(super) fn charge_missed_goal(&self, start: &Start, path: &mut LatticePath, profile: &SpeedProfile) {
-        let passing = |time: f64| {
-            let at = profile.at(time - start.point.time);
-            Passing { pose: path.path.at(at.station).pose, speed: at.speed }
-        };
-        if self.misses_goal(start.point.time, passing) {
+        if self.misses_goal(start, path, profile) {
             let price = self.settings.lattice.weights.missed_target * urgency(self.task_ends() - start.point.time);
             path.terms.missed_target = path.terms.missed_target.max(price);
         }
     }
 
-    /// Whether a plan is in no goal during its time window, and the windows of all goals close soon; `passing`: where it is at a time of
-    /// the run (s).
-    pub(super) fn misses_goal(&self, now: f64, passing: impl Fn(f64) -> Passing) -> bool {
+    /// Whether a plan is in no goal during its time window, and the windows of all goals close soon.
+    fn misses_goal(&self, start: &Start, path: &LatticePath, profile: &SpeedProfile) -> bool {
         let goals = self.goals.as_deref().unwrap_or_default();
+        let now = start.point.time;
         let closes_soon = |end: f64| (now..=now + TRAVEL_TIME_HORIZON).contains(&end);
         if goals.is_empty() || !goals.iter().all(|g| g.position.is_some() && closes_soon(g.time.max)) {
             return false;
@@ -98,15 +93,10 @@ impl Planner<'_> {
             let opens = goal.time.min.max(now);
             let steps = fitting(goal.time.max - opens, STEP);
             (0..=steps).any(|i| {
-                let Passing { pose, speed } = passing(opens + i as f64 * STEP);
-                is_met(goal, self.map.network, &self.vehicle.centre_of_rear_axle(&pose), speed)
+                let at = profile.at(opens + i as f64 * STEP - now);
+                let centre = self.vehicle.centre_of_rear_axle(&path.path.at(at.station).pose);
+                is_met(goal, self.map.network, &centre, at.speed)
             })
         })
     }
-}
-
-/// Where a plan is at a time: pose of the rear axle, and speed (m/s).
-pub(super) struct Passing {
-    pub(super) pose: Pose,
-    pub(super) speed: f64,
 }

@@ -11,12 +11,11 @@
 //! * the stop of its proof begins later than in [`BEFORE_STOP`]; or what it has fallen behind unobstructed driving since the search costs
 //!   less than leaving it for a path that counts as another one (`hysteresis`), as where it is meant to stop;
 //! * it is not on an emergency level, and has a jerk-limited speed profile;
-//! * it does not miss a goal that closes soon, and the goal asks for no haste.
+//! * the goal asks for haste as it did then.
 //!
 //! Weak: a gap that opens unexpectedly is seen by the next search, up to [`LONGEST`] later. One that closes refutes the plan at once, but
 //! only if it is less than the margins: the time gap is a wish.
 
-use super::arrival::Passing;
 use super::hysteresis::{CommittedPlan, SAME_PATH};
 use super::level::Level;
 use super::record::Smoothing;
@@ -37,12 +36,15 @@ pub(super) struct Compared {
     time: f64,
     /// m within the travel-time horizon.
     behind: f64,
+    /// Whether the goal asked for haste.
+    in_haste: bool,
 }
 
 impl Planner<'_> {
     /// Notes that the committed plan won against all others in this cycle.
     pub(super) fn note_comparison(&mut self, start: &Start) {
-        let compared = self.behind(start).map(|behind| Compared { time: start.point.time, behind });
+        let in_haste = self.haste.is_some();
+        let compared = self.behind(start).map(|behind| Compared { time: start.point.time, behind, in_haste });
         if let Some(committed) = &mut self.committed {
             committed.compared = compared;
         }
@@ -57,22 +59,19 @@ impl Planner<'_> {
 
     /// Whether no other plan can be worth leaving the committed one.
     pub(super) fn is_settled(&self, start: &Start) -> bool {
-        let Some((plan, Compared { time, behind })) = self.committed.as_ref().and_then(|c| Some((c, c.compared?)))
+        let Some((plan, Compared { time, behind, in_haste })) =
+            self.committed.as_ref().and_then(|c| Some((c, c.compared?)))
         else {
             return false;
         };
         let weights = &self.settings.lattice.weights;
         let costs = |now: f64| weights.travel_time * (now - behind) <= weights.plan_change * SAME_PATH;
         start.on_plan
-            && self.haste.is_none()
+            && self.haste.is_some() == in_haste
             && start.point.time < time + LONGEST - TIME_SLACK
             && plan.level <= Level::NoMargin
             && matches!(plan.smoothing, Smoothing::Comfortable | Smoothing::Firm)
             && (start.point.time + BEFORE_STOP < plan.proof_begins || self.behind(start).is_some_and(costs))
-            && !self.misses_goal(start.point.time, |time| {
-                let at = plan.trajectory.at(time);
-                Passing { pose: at.pose, speed: at.speed }
-            })
     }
 
     /// How far the committed plan is behind unobstructed driving, m; `None` if its lane is gone.
