@@ -9,7 +9,7 @@ use stopline::collision::Blocker;
 use stopline::drive::{Observer, PredictionMode, Sensor};
 use stopline::fixtures::{parked, vehicle};
 use stopline::geometry::{Point, Pose};
-use stopline::map::{Interval, Motion, Obstacle, ObstacleKind, Part, Scenario, Shape, TimedOccupancy, TimedPose};
+use stopline::map::{Goal, Interval, Motion, Obstacle, ObstacleKind, Part, Scenario, Shape, TimedOccupancy, TimedPose};
 use stopline::planner::{Cause, Decision, Level, Observation, ObservationError, Plan, Planner, PlannerError};
 use stopline::vehicle::{State, Vehicle};
 use stopline::{Settings, drive};
@@ -97,6 +97,60 @@ fn an_obstacle_that_appears_in_mid_run_is_stopped_for() {
     let front = followed(&plan, 10.0).pose.position.x + VEHICLE.front_overhang_from_rear_axle();
     assert!(front < wall - 0.5 && front > wall - 3.0, "{front} before {wall}");
     assert_eq!(plan.stops_for, Some(Cause::Obstacle(7)), "{plan:?}");
+}
+
+/// The decisions of some cycles on the empty road, each a tenth of a second after the one before; `change` alters the observation of the
+/// last one.
+fn decisions(cycles: usize, change: impl Fn(&mut Observation)) -> Vec<Decision> {
+    let world = Loop::new();
+    let mut planner = world.planner();
+    let mut observation = world.observation.clone();
+    let mut decisions = Vec::new();
+    for cycle in 0..cycles {
+        if cycle + 1 == cycles {
+            change(&mut observation);
+        }
+        let plan = planner.cycle(&observation).unwrap();
+        decisions.push(plan.decision);
+        observation.state = followed(&plan, 0.1);
+    }
+    decisions
+}
+
+/// A search at least every half second; between two searches the plan goes on, except for what makes another one necessary or better.
+#[test]
+fn between_two_searches_the_proven_plan_continues_unless_the_road_or_the_task_changes() {
+    let usual = decisions(31, |_| {});
+    let between: Vec<usize> = usual.split(|d| *d != Decision::Continue).map(<[_]>::len).collect();
+    assert!(between.iter().all(|n| *n <= 4) && between.contains(&4), "{usual:?}");
+    // a cycle in which nothing would have been searched
+    let last = usual.iter().position(|d| *d == Decision::Continue).unwrap() + 1;
+    assert_eq!(decisions(last, |_| {})[last - 1], Decision::Continue);
+    let x = Loop::new().start().position.x;
+    let beside = |kind: fn(i64, Pose) -> Obstacle| {
+        move |o: &mut Observation| o.obstacles = Arc::from([kind(7, Pose::new(x + 300.0, 50.0, 0.0))])
+    };
+    let searched = |change: &dyn Fn(&mut Observation)| decisions(last, change)[last - 1] != Decision::Continue;
+    assert!(searched(&beside(|id, pose| parked(id, pose, 1.0, 1.0))), "the static obstacles");
+    assert!(searched(&|o| o.friction = 0.9), "the friction");
+    assert!(
+        searched(&|o| o.goals = o
+            .goals
+            .iter()
+            .map(|g| Goal { speed: None, yaw: None, ..g.clone() })
+            .rev()
+            .chain(o.goals.iter().cloned())
+            .collect()),
+        "the goals"
+    );
+    assert!(searched(&|o| o.state.pose.position.y += 2.0), "the vehicle is beside its plan");
+    // a moving obstacle matters only if it refutes the plan
+    let crossing = |y: f64| {
+        let pose = |time: f64| TimedPose { time, pose: Pose::new(x + 25.0, y, 0.0), speed: 0.1 };
+        car(7, vec![pose(0.0), pose(30.0)])
+    };
+    assert!(searched(&|o| o.obstacles = Arc::from([crossing(0.0)])), "it is in the way");
+    assert!(!searched(&|o| o.obstacles = Arc::from([crossing(50.0)])), "it is far away");
 }
 
 /// A leader drives on; then it brakes harder than predicted. The committed plan, proven for the first prediction, is refuted.

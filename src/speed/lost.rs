@@ -167,6 +167,7 @@ fn fastest_crossings(problem: &SpeedProblem) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::super::test_support::empty_road;
+    use super::super::{Resolution, Strategy, search};
     use super::*;
     use proptest::prelude::*;
 
@@ -206,6 +207,48 @@ mod tests {
         assert!(!LostStates::to_contact(&p).contains(&start(&p), 1.5));
         let free = empty_road(10.0, 15.0);
         assert!(!LostStates::to_contact(&free).contains(&start(&free), 1.5));
+    }
+
+    /// Between a leader 1 s ahead and a follower 1 s behind, both at 6 m/s, which pass the end of the road after 7.7 s. Where the predictions
+    /// end before that, a stop is safe; if not, no standstill is, and the search ends where it begins.
+    #[test]
+    fn a_vehicle_in_a_platoon_that_leaves_the_road_is_lost_at_once() {
+        let platoon = |horizon: f64| {
+            let mut p = empty_road(40.0, 6.0);
+            p.horizon = horizon;
+            p.limits.acceleration = 0.5;
+            for cell in 0..p.cells() {
+                let passes = p.stations[cell] / 6.0;
+                p.blocked[cell] = vec![(passes - 2.5, passes - 1.0), (passes + 1.0, passes + 2.5)];
+            }
+            p
+        };
+        let search = |horizon: f64| search(&platoon(horizon), Strategy::SafeTlp, &Resolution::default()).unwrap();
+        let lost = search(20.0);
+        assert_eq!(lost.code(), "no_safe_state");
+        assert!(lost.statistics().expansions <= 3, "{:?}", lost.statistics());
+        assert_eq!(search(5.0).code(), "proven");
+        let problem = platoon(20.0);
+        assert!(!LostStates::to_contact(&problem).contains(&start(&problem), 2.2), "it only has to drive on");
+    }
+
+    /// Standing where a follower arrives, with a free road ahead up to a place without stopping: lost from the time on at which that place
+    /// cannot be left behind any more.
+    #[test]
+    fn a_standing_vehicle_is_lost_once_it_cannot_leave_in_time() {
+        let mut p = empty_road(10.0, 0.0);
+        p.horizon = 60.0;
+        // everything but the last node is passed at 20 s
+        for cell in 0..p.cells() - 1 {
+            p.blocked[cell] = vec![(20.0, 21.0)];
+        }
+        p.blocked_at_start = vec![(20.0, 21.0)];
+        // 10 m with 1.5 m/s² take 3.65 s
+        let lost = LostStates::to_rest(&p);
+        let standing = |time: f64| SpeedState { node: 0, speed: 0.0, time };
+        assert!(!lost.contains(&standing(16.3), 2.2), "it can leave");
+        assert!(lost.contains(&standing(16.6), 2.2), "it cannot");
+        assert!(!lost.contains(&standing(21.5), 2.2), "it has been passed");
     }
 
     /// Whether some sequence of actions reaches a standstill or the last node without entering a blocked cell.

@@ -111,7 +111,7 @@ fn a_bend_inside_a_cell_limits_both_of_its_nodes_and_one_at_its_end_only_that_no
             let cells = PathCells {
                 blocked: vec![Vec::new(); stations.len() - 1],
                 blocked_at_start: Vec::new(),
-                along: Along::new(&path.path, &place.reference, 5.0),
+                along: Along::new(&path.path, &place.reference, 5.0).into(),
                 bends: stations.windows(2).map(|cell| bends_of(&path, cell)).collect(),
                 stop: None,
                 by_obstacle: Vec::new(),
