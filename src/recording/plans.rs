@@ -12,7 +12,7 @@ use super::style::{self, order, pixels, strips};
 use super::text::cost_by_terms;
 use super::{Context, RecordingError};
 use crate::geometry::Point;
-use crate::planner::{Candidate, Cycle, Rejection};
+use crate::planner::{Candidate, Cycle, Decision, Rejection};
 use crate::plot::outline::footprint;
 use crate::plot::refusal;
 
@@ -31,9 +31,12 @@ pub(super) fn log(context: &Context) -> Result<(), RecordingError> {
 
 /// Logs one cycle at the current time of the stream.
 fn log_cycle(context: &Context, cycle: &Cycle) -> Result<(), RecordingError> {
-    let reference = vec![context.line(&cycle.trace.reference)];
-    context.log("map/plan/reference", &strips(reference, style::REFERENCE, pixels(0.6), order::REFERENCE))?;
-    log_candidates(context, cycle)?;
+    // where the plan continues without a search, those of the last search stay
+    if cycle.plan.decision != Decision::Continue {
+        let reference = vec![context.line(&cycle.trace.reference)];
+        context.log("map/plan/reference", &strips(reference, style::REFERENCE, pixels(0.6), order::REFERENCE))?;
+        log_candidates(context, cycle)?;
+    }
     let plan = &cycle.plan.trajectory;
     let (from, to) = (plan.profile.at(cycle.plan.time - plan.start_time).station, plan.profile.last().station);
     let ahead: Vec<Point> = (plan.path.sampled(PLAN_SPACING).iter())

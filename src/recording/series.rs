@@ -6,7 +6,7 @@ use super::shapes::{HATCH_RADIUS, hatch};
 use super::style::{Rgb, metres, pixels};
 use super::{Context, RecordingError, TIMELINE};
 use crate::geometry::Point;
-use crate::planner::{BlockedCell, Cycle};
+use crate::planner::{BlockedCell, Cycle, Decision};
 use crate::plot::axes::nice_step;
 use crate::plot::motion::{MotionSample, speed_limit_at};
 use crate::verdict::jerk_limit;
@@ -162,8 +162,13 @@ fn flat(points: &[Point]) -> Vec<[f32; 2]> {
 fn log_station_time(context: &Context) -> Result<(), RecordingError> {
     let extent = StationTime::of(&context.run.cycles);
     log_axes(context, &extent)?;
+    // where the plan continues without a search, its blocked cells are those of the last one
+    let mut blocked: &[BlockedCell] = &[];
     for cycle in &context.run.cycles {
         context.set_time(cycle.plan.time);
+        if cycle.plan.decision != Decision::Continue {
+            blocked = &cycle.trace.blocked;
+        }
         let plan = &cycle.plan.trajectory;
         let now = plan.at(cycle.plan.time).station;
         let steps = (extent.seconds / 0.1).ceil();
@@ -174,8 +179,7 @@ fn log_station_time(context: &Context) -> Result<(), RecordingError> {
             .collect();
         let line = LineStrips2D::new([flat(&curve)]).with_colors([PLAN]).with_radii([pixels(1.5)]);
         context.log("st/plan", &line.with_draw_order(10.0))?;
-        let cells: Vec<[Point; 4]> =
-            cycle.trace.blocked.iter().filter_map(|cell| corners(&extent, cycle, now, cell)).collect();
+        let cells: Vec<[Point; 4]> = blocked.iter().filter_map(|cell| corners(&extent, cycle, now, cell)).collect();
         let ring = |c: &[Point; 4]| flat(&[c[0], c[1], c[2], c[3], c[0]]);
         let edges = LineStrips2D::new(cells.iter().map(ring)).with_colors([BLOCKED_EDGE]);
         context.log("st/blocked", &edges.with_radii([pixels(0.5)]).with_draw_order(6.0))?;
