@@ -303,8 +303,8 @@ fn refined_and_plain(scenario: &Scenario) -> (Driven, Driven) {
     };
     let (refined, plain) = (with(true), with(false));
     assert!(plain.cycles.iter().all(|c| !c.trace.is_refined));
-    let of_new_plans = |c: &&Cycle| c.plan.decision == Decision::NewPlan;
-    let count = refined.cycles.iter().filter(|c| c.trace.is_refined).filter(of_new_plans).count();
+    let drives_on = |c: &&Cycle| matches!(c.plan.decision, Decision::NewPlan | Decision::Continue);
+    let count = refined.cycles.iter().filter(|c| c.trace.is_refined).filter(drives_on).count();
     assert!(count > 10, "{}: only {count} cycles are refined", scenario.id);
     for cycle in refined.cycles.iter().filter(|c| c.trace.is_refined) {
         assert_ne!(cycle.plan.decision, Decision::Unproven);
