@@ -1,4 +1,4 @@
-//! Workers: independent jobs side by side, with results that do not depend on their number.
+//! Workers: independent jobs in parallel, with results that do not depend on their number.
 //!
 //! Every worker has its own thread pool. The planner searches as many paths in parallel as its pool has threads and discards
 //! a part of this work, which is free only while other cores are idle. So a job gets one thread as long as there are more
