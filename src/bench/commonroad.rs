@@ -4,7 +4,7 @@
 //! together), touched nothing and stayed on the road: what others call success. Besides, the score has what the verdict checks
 //! (comfort, fallbacks, claims), the cycles without a proven plan, and the times of the planning cycles.
 //!
-//! Every file gets one thread ([`crate::workers`]). All results but the times are the same for every number of jobs; times are those of
+//! Every file gets one thread (`workers`). All results but the times are the same for every number of jobs; times are those of
 //! an otherwise idle machine only with one job.
 //!
 //! Weak: a file that others score with another vehicle, or with perfect tracking instead of physics, is an easier or a harder problem
