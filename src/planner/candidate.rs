@@ -16,9 +16,10 @@ use crate::speed::{
     search, smoothing, tail,
 };
 use crate::trajectory::SpeedProfile;
-use crate::vehicle::Vehicle;
+use crate::vehicle::{PathMotion, TrackingTube, Vehicle};
 
 /// The data that all candidates of one lane and level share in a cycle.
+#[derive(Clone, Copy)]
 pub(super) struct Situation<'a> {
     pub(super) vehicle: &'a Vehicle,
     pub(super) settings: &'a Settings,
@@ -43,8 +44,11 @@ pub(super) struct Situation<'a> {
     pub(super) acceleration: f64,
     /// Deceleration of nominal braking, m/s².
     pub(super) braking: f64,
-    /// Largest deceleration of proofs, m/s².
+    /// Largest deceleration of proofs, m/s², on a path that turns and on a straight one.
     pub(super) proof_deceleration: f64,
+    pub(super) straight_deceleration: f64,
+    /// Friction of the road, as a factor on that of dry asphalt.
+    pub(super) friction: f64,
     /// Fraction of it that the search uses.
     pub(super) search_share: f64,
     /// Largest planned speed, m/s.
@@ -124,6 +128,11 @@ impl Proven {
     pub(super) fn reverify(&self) -> Result<(), ProofViolation> {
         prove(&self.problem.0, &self.raw_profile)
     }
+
+    /// Largest deceleration of the proof, m/s².
+    pub(super) fn hardest_deceleration(&self) -> f64 {
+        self.problem.0.limits.aggressive_deceleration
+    }
 }
 
 /// Result of the speed search of one path.
@@ -144,7 +153,16 @@ impl Situation<'_> {
             let blocked_by = Some(Cause::Bend);
             return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0, blocked_by };
         }
-        let Some(cells) = self.cells(path, course.get_or_init(|| self.course(path))) else {
+        let course = course.get_or_init(|| self.course(path));
+        if self.is_straight(path) {
+            self.on_a_straight_path().evaluate_cells(path, course)
+        } else {
+            self.evaluate_cells(path, course)
+        }
+    }
+
+    fn evaluate_cells(&self, path: &LatticePath, course: &Course) -> Evaluation {
+        let Some(cells) = self.cells(path, course) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by: None };
         };
         let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
@@ -197,8 +215,6 @@ impl Situation<'_> {
 
     /// Whether a curve of the path is too tight for the speed that remains after comfortable braking.
     pub(super) fn is_curve_speed_infeasible(&self, path: &LatticePath) -> bool {
-        /// Distance between checks, m.
-        const STEP: f64 = 1.0;
         let limits = SpeedLimits {
             lateral_acceleration: self.lateral_limit,
             steering_rate: self.vehicle.limits.steering_rate,
@@ -207,12 +223,34 @@ impl Situation<'_> {
         };
         let braking = 2.0 * self.braking;
         let stops_after = self.speed * self.speed / braking;
-        let checks = fitting(stops_after.min(path.free_length), STEP);
+        let checks = fitting(stops_after.min(path.free_length), CHECK_STEP);
         // skip the first metre, which is the same for all paths
-        (1..=checks).map(|i| i as f64 * STEP).any(|s| {
+        (1..=checks).map(|i| i as f64 * CHECK_STEP).any(|s| {
             let remaining = (self.speed * self.speed - braking * s).max(0.0).sqrt();
             remaining > limits.at(&path.path.at(s))
         })
+    }
+
+    /// Whether harder braking than beside a turn is in the domain of the tracking tube, all along the stopping distance.
+    fn is_straight(&self, path: &LatticePath) -> bool {
+        if self.straight_deceleration <= self.proof_deceleration {
+            return false;
+        }
+        let end = self.hardest_stop().min(path.path.length());
+        let checks = fitting(end, CHECK_STEP);
+        (0..=checks + 1).map(|i| (i as f64 * CHECK_STEP).min(end)).all(|station| {
+            let (curvature, curvature_rate) = path.path.curvature_and_rate_at(station);
+            let acceleration = -self.straight_deceleration;
+            let motion = PathMotion { speed: self.speed, acceleration, curvature, curvature_rate };
+            let used = motion.grip_use(self.vehicle, self.friction);
+            used.turning <= TrackingTube::STRAIGHT_USE && self.vehicle.tracking.contains(self.speed, &used)
+        })
+    }
+
+    /// With the deceleration for a straight path.
+    fn on_a_straight_path(&self) -> Self {
+        let braking = self.braking * self.straight_deceleration / self.proof_deceleration;
+        Self { proof_deceleration: self.straight_deceleration, braking, ..*self }
     }
 
     /// The last station of a plan on a path, m, and what it plans to stop for there.
@@ -483,6 +521,8 @@ pub(super) fn delay(settings: &Settings, behind: f64, terms: &CostTerms) -> f64 
     (settings.lattice.weights.travel_time * behind - terms.curve_slowdown).max(0.0)
 }
 
+/// Distance between the places at which the curvature of a path is checked, m.
+const CHECK_STEP: f64 = 1.0;
 /// A wait at a safe standstill of at least this length ends a plan, s: later cycles plan the continuation.
 const LONG_WAIT: f64 = 2.0;
 /// Horizon of the `travel_time` cost, s.

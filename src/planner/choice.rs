@@ -41,7 +41,6 @@ pub(super) struct Choice {
     pub(super) path: LatticePath,
     pub(super) proven: Box<Proven>,
     pub(super) tube: Tube,
-    pub(super) deceleration: f64,
     pub(super) cost: f64,
     pub(super) is_refined: bool,
 }
@@ -94,10 +93,8 @@ impl Planner<'_> {
                         note.terms.travel_time = delay(&self.settings, free - proven.progress, &note.terms);
                         note.cost = note.terms.total();
                         let candidate = record.trace.candidates.len();
-                        let (deceleration, cost) = (level.deceleration, note.cost);
-                        let tube = Tube::UNKNOWN;
-                        let pair =
-                            Choice { lane, candidate, path, proven, tube, deceleration, cost, is_refined: false };
+                        let (tube, cost) = (Tube::UNKNOWN, note.cost);
+                        let pair = Choice { lane, candidate, path, proven, tube, cost, is_refined: false };
                         match self.accepted(start, &level, best.as_ref(), pair) {
                             Ok(pair) => take(best, pair, record),
                             Err(Refused { why: Rejection::TubeBlocked, again: Some((pair, margins)) }) => {
@@ -157,8 +154,8 @@ impl Planner<'_> {
         let delay_of =
             |proven: &Proven| delay(&self.settings, situation.free_progress() - proven.progress, &path.terms);
         let cost = pair.cost + delay_of(&proven) - delay_of(&pair.proven);
-        let Choice { lane, candidate, tube, deceleration, is_refined, .. } = *pair;
-        Some(Choice { lane, candidate, path, proven, tube, deceleration, cost, is_refined })
+        let Choice { lane, candidate, tube, is_refined, .. } = *pair;
+        Some(Choice { lane, candidate, path, proven, tube, cost, is_refined })
     }
 }
 

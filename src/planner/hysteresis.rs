@@ -138,7 +138,9 @@ impl Planner<'_> {
     /// its travel time from here. `None` if its proof brakes harder or is weaker than that of the choice.
     fn staying(&self, start: &Start, level: LevelLimits, choice: &Choice, plan: &CommittedPlan<'_>) -> Option<f64> {
         let is_as_safe = |c: &&Committed| {
-            c.level.is_as_safe_as(level.level) && c.deceleration <= choice.deceleration && c.robust >= level.robust
+            c.level.is_as_safe_as(level.level)
+                && c.deceleration <= choice.proven.hardest_deceleration()
+                && c.robust >= level.robust
         };
         let committed = self.committed.as_ref().filter(is_as_safe)?;
         let lane = self.lanes.as_ref().ok()?.get(choice.lane)?;

@@ -69,8 +69,9 @@ pub(super) struct LevelLimits {
     pub(super) acceleration: f64,
     /// Deceleration of nominal braking, m/s².
     pub(super) braking: f64,
-    /// Largest deceleration of proofs, m/s².
+    /// Largest deceleration of proofs, m/s², on a path that turns and on a straight one.
     pub(super) deceleration: f64,
+    pub(super) straight_deceleration: f64,
     /// Fraction of that deceleration that the search uses; smoothing needs the remainder.
     pub(super) search_share: f64,
     /// Factor on the cruise speed.
@@ -110,6 +111,7 @@ impl LevelLimits {
         Self {
             braking: self.braking * deceleration / self.deceleration,
             deceleration,
+            straight_deceleration: between(comfort.aggressive_deceleration, self.straight_deceleration),
             lateral_limit: between(LATERAL_HEADROOM * comfort.lateral_acceleration, self.lateral_limit),
             ..self
         }
@@ -143,6 +145,7 @@ impl Planner<'_> {
             acceleration: comfort.acceleration,
             braking: comfort.deceleration,
             deceleration: comfort.aggressive_deceleration,
+            straight_deceleration: comfort.aggressive_deceleration,
             search_share: SEARCH_SHARE,
             speed_factor: 1.0,
             top_speed: self.vehicle.limits.speed,
@@ -180,8 +183,10 @@ impl Planner<'_> {
     pub(super) fn in_domain(&self, speed: f64, level: LevelLimits) -> LevelLimits {
         let share = DOMAIN_SHARE * self.described.tracking.straight_use(speed);
         let deceleration = level.deceleration.min(share * self.limits.lateral_beside(0.0));
+        let straight_share = STRAIGHT_SHARE * self.described.tracking.straight_use(speed / DOMAIN_SHARE);
         LevelLimits {
             deceleration,
+            straight_deceleration: level.straight_deceleration.min(straight_share * self.limits.lateral_beside(0.0)),
             braking: level.braking * deceleration / level.deceleration,
             acceleration: self.acceleration_with(share, speed, level.acceleration),
             top_speed: level.top_speed.min(self.top_speed(deceleration)),
@@ -227,7 +232,8 @@ impl Planner<'_> {
     pub(super) fn emergency_levels(&self, limits: &ProofLimits, margins: SafetyMargins) -> Vec<LevelLimits> {
         let one = |(index, e): (u8, &super::EmergencyLimits)| {
             let beside_a_turn = limits.lateral_beside(LEAST_TURNING * limits.lateral_beside(0.0));
-            let deceleration = e.deceleration.min(limits.deceleration()).min(beside_a_turn);
+            let straight_deceleration = e.deceleration.min(limits.deceleration());
+            let deceleration = straight_deceleration.min(beside_a_turn);
             let is_fast = e.acceleration > self.vehicle.comfort.acceleration;
             LevelLimits {
                 level: Level::Emergency(index),
@@ -236,6 +242,7 @@ impl Planner<'_> {
                 acceleration: e.acceleration.min(limits.acceleration()),
                 braking: NOMINAL_SHARE * deceleration,
                 deceleration,
+                straight_deceleration,
                 search_share: 1.0,
                 speed_factor: if is_fast { self.settings.emergency_speed_factor } else { 1.0 },
                 top_speed: self.vehicle.limits.speed,
@@ -255,6 +262,9 @@ pub(super) const NO_MARGINS: SafetyMargins =
 /// Share of a limit of the tracking tube's domain that plans aim at: proofs forgive 5 % of a speed limit, and the tube looks at the
 /// grip of each axle.
 const DOMAIN_SHARE: f64 = 0.95;
+/// Share of the grip for braking on a straight path: √(1 − t²) with the use t by turning up to which a path is straight
+/// ([`crate::vehicle::TrackingTube::STRAIGHT_USE`]).
+const STRAIGHT_SHARE: f64 = 0.9987;
 /// Least acceleration of a level, m/s²: the search needs a positive one.
 pub(super) const LEAST_ACCELERATION: f64 = 0.05;
 /// Fraction of the comfortable lateral acceleration that paths may use; the tracking controller has the remainder.
@@ -266,7 +276,7 @@ const NOMINAL_SHARE: f64 = 0.75;
 /// Time gap if no plan is proven with the one of the settings, s: a reserve for smoothing.
 const SHORT_GAP: f64 = 0.15;
 /// Share of the grip that emergency braking leaves for turning. Without it, a road on which the brakes can use all of the grip
-/// would permit no path but a straight one. Braking is weaker by 8 %, as √(1 − 0.4²) = 0.92.
+/// would permit no path but a straight one, which keeps all of it for the brakes. Braking is weaker by 8 %, as √(1 − 0.4²) = 0.92.
 const LEAST_TURNING: f64 = 0.4;
 /// Lateral acceleration of emergency paths, m/s²: within dry friction, combined with braking.
 const EMERGENCY_LATERAL: f64 = 5.0;
@@ -342,8 +352,13 @@ mod tests {
             for start in [0.5 * moderate, 0.99 * moderate, 1.01 * moderate, 0.99 * gentle] {
                 for level in planner.levels(start) {
                     let what = format!("{} {friction} {start} {}", vehicle.name, level.level);
-                    for (speed, cruise) in [(start, 0.0), (1.05 * level.top_speed, 1.0)] {
-                        let drivable = vehicle.drivable(friction, &straight_stop(speed, cruise, level.deceleration));
+                    for (speed, cruise, deceleration) in [
+                        (start, 0.0, level.straight_deceleration),
+                        (start, 0.0, level.deceleration),
+                        (1.05 * level.top_speed, 1.0, level.deceleration),
+                    ] {
+                        assert!(deceleration <= planner.limits.deceleration(), "{what}");
+                        let drivable = vehicle.drivable(friction, &straight_stop(speed, cruise, deceleration));
                         assert!(drivable.is_ok(), "{what}: {drivable:?}");
                     }
                     let drive = PathMotion {

@@ -498,6 +498,8 @@ impl<'m> Planner<'m> {
             braking: level.braking,
             horizon: self.known.horizon,
             proof_deceleration: level.deceleration,
+            straight_deceleration: level.straight_deceleration,
+            friction: self.friction,
             search_share: level.search_share,
             top_speed: level.top_speed,
             long_run: self.task_ends() - start.point.time > LONG_RUN,
@@ -526,7 +528,7 @@ impl<'m> Planner<'m> {
             sweeps: lead.into_iter().chain(choice.path.sweeps).collect(),
             statics: self.known.statics,
             // the proof begins after the lead, what the plan does does not
-            deceleration: choice.deceleration.max(start.lead.deceleration()),
+            deceleration: choice.proven.hardest_deceleration().max(start.lead.deceleration()),
             level: level.level,
             smoothing,
             is_refined: choice.is_refined,

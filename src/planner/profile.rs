@@ -53,7 +53,7 @@ impl Planner<'_> {
             match found.and_then(|choice| self.accepted(start, &gentle, None, choice).ok()) {
                 Some(choice) => {
                     severity = less;
-                    best = self.smoothed(start, gentle, Choice { deceleration: gentle.deceleration, ..choice }, record);
+                    best = self.smoothed(start, gentle, choice, record);
                 }
                 None => too_low = less,
             }

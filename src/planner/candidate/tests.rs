@@ -53,6 +53,8 @@ impl Place {
             acceleration: 2.0,
             braking: 2.0,
             proof_deceleration: 6.0,
+            straight_deceleration: 6.0,
+            friction: 1.0,
             search_share: 1.0,
             top_speed: f64::INFINITY,
             long_run: false,
