@@ -162,6 +162,11 @@ impl CellRuns {
         }
     }
 
+    /// Whether no cell is ever blocked.
+    pub(super) fn is_empty(&self) -> bool {
+        self.runs.is_empty()
+    }
+
     /// The track that blocks a cell in a slice.
     pub(super) fn track_at(&self, cell: usize, slice: usize) -> Option<usize> {
         let runs = self.of(cell);
@@ -172,16 +177,14 @@ impl CellRuns {
 
 /// Builds a grid, cell by cell.
 pub(super) struct GridBuilder<F> {
-    /// The times that count, s.
-    times: (f64, f64),
     /// The obstacle of a track.
     id: F,
     grid: BlockedGrid,
 }
 
 impl<F: Fn(usize) -> i64> GridBuilder<F> {
-    pub(super) fn new(times: (f64, f64), id: F) -> Self {
-        Self { times, id, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
+    pub(super) fn new(id: F) -> Self {
+        Self { id, grid: BlockedGrid { stations: vec![0.0], starts: vec![0], intervals: Vec::new() } }
     }
 
     /// Station of the end of the last cell, m.
@@ -189,12 +192,12 @@ impl<F: Fn(usize) -> i64> GridBuilder<F> {
         self.grid.stations[self.grid.stations.len() - 1]
     }
 
-    /// Adds a cell up to a station; `time` is the start of a slice of the runs, s.
-    pub(super) fn push(&mut self, station: f64, runs: &[Run], time: impl Fn(usize) -> f64) {
+    /// Adds a cell up to a station; `time` is the start of a slice of the runs, `within` are the times that count, s.
+    pub(super) fn push(&mut self, station: f64, runs: &[Run], time: impl Fn(usize) -> f64, within: (f64, f64)) {
         let grid = &mut self.grid;
         grid.stations.push(station);
         for run in runs {
-            let (from, to) = (time(run.slices.start).max(self.times.0), time(run.slices.end).min(self.times.1));
+            let (from, to) = (time(run.slices.start).max(within.0), time(run.slices.end).min(within.1));
             if from < to {
                 grid.intervals.push(BlockedInterval { from, to, obstacle: (self.id)(run.track) });
             }

@@ -256,10 +256,11 @@ pub(super) fn depth_of(polygon: &[Local], p: Local) -> f64 {
 /// Distance between convex polygons, m, 0 if they overlap. If they are apart, the smallest distance is between a vertex of
 /// one and an edge of the other.
 fn polygon_distance(a: &[Local], b: &[Local]) -> f64 {
-    let apart = beyond_an_edge(a, b, 0.0) || beyond_an_edge(b, a, 0.0);
-    let squared = vertex_edge_distance_squared(a, b).min(vertex_edge_distance_squared(b, a));
     // without a separating edge they overlap, unless neither has an interior
-    if apart || a.len() < 3 && b.len() < 3 { squared.sqrt() } else { 0.0 }
+    if (a.len() >= 3 || b.len() >= 3) && !beyond_an_edge(a, b, 0.0) && !beyond_an_edge(b, a, 0.0) {
+        return 0.0;
+    }
+    vertex_edge_distance_squared(a, b).min(vertex_edge_distance_squared(b, a)).sqrt()
 }
 
 fn vertex_edge_distance_squared(vertices: &[Local], polygon: &[Local]) -> f64 {

@@ -28,6 +28,11 @@ impl Margins {
         Self { lateral: share * self.lateral, longitudinal: share * self.longitudinal }
     }
 
+    /// Whether they are at least as wide on each side.
+    pub(super) fn contain(&self, other: &Self) -> bool {
+        self.lateral >= other.lateral && self.longitudinal >= other.longitudinal
+    }
+
     /// Displacement of a corner, m.
     pub(super) fn reach(&self) -> f64 {
         self.lateral.hypot(self.longitudinal)

@@ -19,7 +19,9 @@
 //! motion within bounds around the predicted ones from a given time on ([`super::uncertainty`]). Both results are
 //! predictions and support the same queries.
 //!
-//! Each sweep caches its blocked cells for the predictions and margins of its last query.
+//! Each sweep keeps its blocked cells for the predictions and margins of its last queries up to the horizon. With narrower margins
+//! only those cells and slices are tested that are blocked with wider ones. A query that ends before the horizon is cheaper and is not
+//! kept.
 //!
 //! # Weakness
 //! One hull covers a piece that moves far in a slice while turning. There are no regions beyond the horizon.
@@ -28,7 +30,7 @@ mod fine;
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use parry2d::bounding_volume::Aabb;
 use parry2d::partitioning::{Bvh, BvhBuildStrategy};
@@ -63,31 +65,36 @@ pub struct Predictions {
     identity: Arc<()>,
 }
 
-/// The blocked cells of a sweep for the predictions and margins of its last query: many paths and cycles share the sweep of an
-/// edge.
+/// The blocked cells of a sweep for the predictions and margins of its last queries, the latest last: many paths and cycles share the
+/// sweep of an edge.
 #[derive(Debug, Default)]
-pub(super) struct KeptRuns(Mutex<Option<Arc<RunsOf>>>);
+pub(super) struct KeptRuns(Mutex<Vec<Arc<RunsOf>>>);
+
+/// Results that a sweep keeps: with the margins of the settings, those of the tracking tube, and those of plans without a proof.
+const KEPT: usize = 3;
 
 /// The blocked cells for some predictions and margins.
 #[derive(Debug)]
 struct RunsOf {
     predictions: Arc<()>,
     margins: Margins,
-    /// First slice of the result, which contains all later ones.
-    first: usize,
+    /// The slices that were looked at.
+    slices: Range<usize>,
     runs: CellRuns,
+    /// The fine runs of each cell.
+    fine: Vec<OnceLock<fine::Subcells>>,
 }
 
 impl KeptRuns {
-    fn slot(&self) -> MutexGuard<'_, Option<Arc<RunsOf>>> {
-        // the slot holds no half-written value: it is replaced as a whole
+    fn slots(&self) -> MutexGuard<'_, Vec<Arc<RunsOf>>> {
+        // a slot holds no half-written value: it is replaced as a whole
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Clone for KeptRuns {
     fn clone(&self) -> Self {
-        Self(Mutex::new(self.slot().clone()))
+        Self(Mutex::new(self.slots().clone()))
     }
 }
 
@@ -206,48 +213,83 @@ impl Predictions {
         &self,
         sweeps: &[&Sweep],
         margins: &Margins,
-        (from, to): (f64, f64),
+        times: (f64, f64),
         fine_until: f64,
     ) -> BlockedGrid {
-        let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
-        let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
-        let time = |slice: usize| slice as f64 * self.slice;
-        let mut grid = GridBuilder::new((time(first), time(end)), |track: usize| self.tracks[track].id);
-        for sweep in sweeps {
-            let kept = self.kept_runs(sweep, margins, first);
+        let visits: Vec<_> = sweeps.iter().map(|sweep| (*sweep, times)).collect();
+        self.blocked_during(&visits, margins, fine_until)
+    }
+
+    /// [`Predictions::blocked_finely`] of sweeps that are visited at certain times (s since time step 0 of the file): what blocks one at
+    /// another time is left out.
+    #[must_use]
+    pub fn blocked_during(&self, visits: &[(&Sweep, (f64, f64))], margins: &Margins, fine_until: f64) -> BlockedGrid {
+        let mut grid = GridBuilder::new(|track: usize| self.tracks[track].id);
+        for (sweep, (from, to)) in visits {
+            let first = index((from / self.slice + TIME_SLACK).floor()).min(self.slices);
+            let end = index((to / self.slice - TIME_SLACK).ceil()).clamp(first, self.slices);
+            let time = |slice: usize| slice as f64 * self.slice;
+            let within = (time(first), time(end));
+            let kept = self.kept_runs(sweep, margins, first..end);
             let before = grid.end();
             for (cell, limits) in sweep.grid_stations().windows(2).enumerate() {
                 if before + limits[0] < fine_until && !kept.runs.of(cell).is_empty() {
-                    let slices = first..end;
-                    let division = fine::Division { predictions: self, sweep, margins, coarse: &kept.runs, slices };
-                    division.of(cell, |end, runs, time| grid.push(before + end, runs, time));
+                    let division = || fine::Division { predictions: self, sweep, margins, coarse: &kept.runs };
+                    let subcells = kept.fine[cell].get_or_init(|| division().of(cell, &kept.slices));
+                    for (end, runs) in subcells.runs() {
+                        grid.push(before + end, runs, |i| self.sub_slice_time(i), within);
+                    }
                 } else {
-                    grid.push(before + limits[1], kept.runs.of(cell), time);
+                    grid.push(before + limits[1], kept.runs.of(cell), time, within);
                 }
             }
         }
         grid.finish()
     }
 
-    /// The slices from `first` to the horizon (or more) in which each cell of the sweep is blocked, from the cache of the sweep
-    /// if they are there.
-    fn kept_runs(&self, sweep: &Sweep, margins: &Margins, first: usize) -> Arc<RunsOf> {
-        let is_kept = |kept: &&Arc<RunsOf>| {
-            Arc::ptr_eq(&kept.predictions, &self.identity) && kept.margins == *margins && kept.first <= first
+    /// These slices (or more) in which each cell of the sweep is blocked, from the cache of the sweep if they are there.
+    fn kept_runs(&self, sweep: &Sweep, margins: &Margins, slices: Range<usize>) -> Arc<RunsOf> {
+        let contains = |kept: &RunsOf| {
+            Arc::ptr_eq(&kept.predictions, &self.identity)
+                && kept.slices.start <= slices.start
+                && slices.end <= kept.slices.end
         };
-        if let Some(kept) = sweep.kept_runs().slot().as_ref().filter(is_kept) {
-            return Arc::clone(kept);
+        let mut wider = None;
+        for kept in sweep.kept_runs().slots().iter().filter(|kept| contains(kept)) {
+            if kept.margins == *margins {
+                return Arc::clone(kept);
+            }
+            if kept.margins.contain(margins) {
+                wider = Some(Arc::clone(kept));
+            }
         }
-        let mut bits = SliceBits::new(sweep.grid_cells(), self.slices - first);
-        self.mark(sweep, margins, first..self.slices, &mut bits);
-        let predictions = Arc::clone(&self.identity);
-        let new = Arc::new(RunsOf { predictions, margins: *margins, first, runs: bits.runs(first) });
-        *sweep.kept_runs().slot() = Some(Arc::clone(&new));
+        let mut bits = SliceBits::new(sweep.grid_cells(), slices.len());
+        if wider.as_ref().is_none_or(|wider| !wider.runs.is_empty()) {
+            self.mark(sweep, margins, slices.clone(), wider.as_deref().map(|wider| &wider.runs), &mut bits);
+        }
+        let (predictions, runs) = (Arc::clone(&self.identity), bits.runs(slices.start));
+        let fine = vec![OnceLock::new(); sweep.grid_cells()];
+        let is_up_to_horizon = slices.end == self.slices;
+        let new = Arc::new(RunsOf { predictions, margins: *margins, slices, runs, fine });
+        if is_up_to_horizon {
+            let mut slots = sweep.kept_runs().slots();
+            slots.retain(|kept| Arc::ptr_eq(&kept.predictions, &self.identity) && kept.margins != *margins);
+            let excess = (slots.len() + 1).saturating_sub(KEPT);
+            slots.drain(..excess);
+            slots.push(Arc::clone(&new));
+        }
         new
     }
 
-    /// Marks the slices in which the sweep's cells are blocked.
-    fn mark(&self, sweep: &Sweep, margins: &Margins, range: Range<usize>, bits: &mut SliceBits) {
+    /// Marks the slices in which the sweep's cells are blocked; only those that are blocked with wider margins, if these are known.
+    fn mark(
+        &self,
+        sweep: &Sweep,
+        margins: &Margins,
+        range: Range<usize>,
+        wider: Option<&CellRuns>,
+        bits: &mut SliceBits,
+    ) {
         let reach = inflated(sweep.boxes().bounds(), sweep.reach(margins));
         let mut found: Vec<u32> = self.tree.intersect_aabb(&reach).collect();
         // chunks are in order of obstacle and time, so that the lowest id blocks a cell
@@ -261,7 +303,8 @@ impl Predictions {
                 let Some(aabb) = slice.aabb.filter(|_| range.contains(&j)) else { continue };
                 sweep.cells_near(&aabb, &slice.pieces, margins, |cell| {
                     let station_cell = sweep.grid_cell(cell);
-                    if bits.is_set(station_cell, j - range.start) {
+                    let is_free = |wider: &CellRuns| wider.track_at(station_cell, j).is_none();
+                    if bits.is_set(station_cell, j - range.start) || wider.is_some_and(is_free) {
                         return;
                     }
                     let shape = corners[cell].get_or_insert_with(|| sweep.corners(cell, margins));

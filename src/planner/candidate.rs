@@ -103,6 +103,8 @@ pub(super) struct TargetLimits {
 pub(super) struct Course {
     along: Arc<Along>,
     grid: BlockedGrid,
+    /// Those of the cells of the grid.
+    bends: Vec<Bends>,
 }
 
 /// Curvature (1/m) and its derivative by arc length (1/m²) at the [`PLACES`] of a cell.
@@ -153,12 +155,15 @@ impl Situation<'_> {
             let blocked_by = Some(Cause::Bend);
             return Evaluation::Rejected { why: Rejection::CurveSpeedInfeasible, expansions: 0, blocked_by };
         }
-        let course = course.get_or_init(|| self.course(path));
-        if self.is_straight(path) {
-            self.on_a_straight_path().evaluate_cells(path, course)
-        } else {
-            self.evaluate_cells(path, course)
+        if self.is_straight(path) { self.on_a_straight_path() } else { *self }.evaluate_free(path, course)
+    }
+
+    fn evaluate_free(&self, path: &LatticePath, course: &OnceLock<Course>) -> Evaluation {
+        if self.hardest_stop() > path.free_length + MIN_CELL {
+            let blocked_by = path.blocked_by.map(Cause::from);
+            return Evaluation::Rejected { why: Rejection::CannotStop, expansions: 0, blocked_by };
         }
+        self.evaluate_cells(path, course.get_or_init(|| self.course(path)))
     }
 
     fn evaluate_cells(&self, path: &LatticePath, course: &Course) -> Evaluation {
@@ -168,7 +173,7 @@ impl Situation<'_> {
         let first = cells.by_obstacle.iter().reduce(|a, b| if b.times.0 < a.times.0 { b } else { a });
         let blocked_by = path.blocked_by.map(Cause::from).or(first.map(|cell| Cause::Obstacle(cell.obstacle)));
         let ForSearch(sought, for_window) = self.for_search(&cells);
-        let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
+        let resolution = self.resolution();
         let Ok(outcome) = search(&sought, Strategy::SafeTlp, &resolution) else {
             return Evaluation::Rejected { why: Rejection::BlockedAtStart, expansions: 0, blocked_by };
         };
@@ -206,11 +211,16 @@ impl Situation<'_> {
     /// The contact-free motion as far along a path as a search gets that does not ask for a stop; `None` if it gets nowhere.
     pub(super) fn explored(&self, path: &LatticePath) -> Option<SpeedProfile> {
         let ForSearch(sought, _) = self.for_search(&self.cells(path, &self.course(path))?);
-        let resolution = Resolution { expansions: self.settings.expansions, ..Resolution::default() };
+        let resolution = self.resolution();
         match search(&sought, Strategy::Naive, &resolution) {
             Ok(SpeedOutcome::Unproven { plan, .. }) => smoothing::raw_profile(&sought, &plan),
             _ => None,
         }
+    }
+
+    fn resolution(&self) -> Resolution {
+        let expansions = self.settings.expansions;
+        Resolution { expansions, exploration: expansions / PROOF_PER_EXPLORATION, ..Resolution::default() }
     }
 
     /// Whether a curve of the path is too tight for the speed that remains after comfortable braking.
@@ -336,11 +346,12 @@ impl Situation<'_> {
         let sweeps: Vec<_> = path.sweeps.iter().map(AsRef::as_ref).collect();
         let times = (self.time, self.horizon.max(self.time + 1.0));
         let grid = self.traffic.blocked_finely(&sweeps, &self.margins, times, self.fine_until);
-        Course { along: Arc::new(Along::new(&path.path, self.reference, self.station)), grid }
+        let bends = grid.stations().windows(2).map(|cell| bends_of(path, cell)).collect();
+        Course { along: Arc::new(Along::new(&path.path, self.reference, self.station)), grid, bends }
     }
 
     /// The cells of a path with the times at which they are blocked; `None` if none of them is free and the vehicle moves.
-    fn cells(&self, path: &LatticePath, Course { along, grid }: &Course) -> Option<PathCells> {
+    fn cells(&self, path: &LatticePath, Course { along, grid, bends }: &Course) -> Option<PathCells> {
         let (end, stops_for) = self.end_of_path(path, along);
         let mut stations: Vec<f64> = grid.stations().iter().copied().take_while(|s| *s < end - MIN_CELL).collect();
         if stations.is_empty() {
@@ -352,6 +363,9 @@ impl Situation<'_> {
         } else if self.speed > 0.0 {
             return None;
         }
+        // only the last cell may be shorter than that of the grid
+        let known = |cell: &[f64], i: usize| grid.stations().get(i..i + 2).is_some_and(|limits| limits == cell);
+        let bends_in = |(i, cell): (usize, &[f64])| if known(cell, i) { bends[i] } else { bends_of(path, cell) };
         let intervals = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from, b.to)).collect::<Vec<_>>();
         let by_obstacle = (0..grid.cells()).flat_map(|cell| {
             let stations = (grid.stations()[cell], grid.stations()[cell + 1]);
@@ -363,7 +377,7 @@ impl Situation<'_> {
             blocked_at_start: if grid.cells() > 0 { intervals(0) } else { Vec::new() },
             by_obstacle: by_obstacle.collect(),
             stop: stops_for.map(|cause| (end, cause)),
-            bends: stations.windows(2).map(|cell| bends_of(path, cell)).collect(),
+            bends: stations.windows(2).enumerate().map(bends_in).collect(),
             stations,
             along: Arc::clone(along),
         })
@@ -521,6 +535,9 @@ pub(super) fn delay(settings: &Settings, behind: f64, terms: &CostTerms) -> f64 
     (settings.lattice.weights.travel_time * behind - terms.curve_slowdown).max(0.0)
 }
 
+/// Budget of a proof as a multiple of that of the exploration before it: behind slower traffic the last node is out of reach, and an
+/// exploration that ends there is as deep after a fifth of the expansions.
+const PROOF_PER_EXPLORATION: usize = 5;
 /// Distance between the places at which the curvature of a path is checked, m.
 const CHECK_STEP: f64 = 1.0;
 /// A wait at a safe standstill of at least this length ends a plan, s: later cycles plan the continuation.

@@ -166,15 +166,24 @@ impl Planner<'_> {
             ..in_junction
         };
         let mut levels = vec![first, short_gap, in_junction, no_margin];
-        if self.haste.is_some() {
-            levels.remove(1);
-        }
+        let is_double = |level: &LevelLimits| match level.level {
+            // with the gap of the first level
+            Level::ShortGap => self.haste.is_some(),
+            Level::StopInJunction => !self.has_junctions(),
+            _ => false,
+        };
+        levels.retain(|level| !is_double(level));
         levels.extend(self.emergency_levels(&self.limits, least));
         if let Some(committed) = self.committed.as_ref().filter(|c| c.level.is_proven()) {
             levels.retain(|l| l.level.is_as_safe_as(committed.level));
         }
         let levels = levels.into_iter().map(|level| self.in_domain(speed, level)).collect();
         self.with_robust_levels(levels)
+    }
+
+    /// Whether there are places without stopping on the lanes.
+    fn has_junctions(&self) -> bool {
+        self.lanes.as_ref().is_ok_and(|lanes| lanes.iter().any(|lane| !lane.no_stopping.is_empty()))
     }
 
     /// The level with limits inside the domain of the tracking tube from a start speed (m/s) on. The tube knows hard braking up to

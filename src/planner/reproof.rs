@@ -13,7 +13,7 @@ use super::level::Level;
 use super::tube::Deviation;
 use super::{Committed, Planner};
 use crate::collision::{SafetyMargins, Sweep};
-use crate::speed::{AccelerationLimits, SpeedProblem, prove};
+use crate::speed::{AccelerationLimits, SpeedProblem, first_time_at, last_time_at, prove};
 use crate::trajectory::{Path, Trajectory};
 use crate::vehicle::State;
 
@@ -71,8 +71,16 @@ impl Planner<'_> {
         if sweeps.is_empty() {
             return true;
         }
-        let predictions = self.predictions(robust);
-        let grid = predictions.blocked_finely(sweeps, &margins.moving_obstacles, (now, horizon), fine_until);
+        let mut before = 0.0;
+        let visits: Vec<_> = sweeps
+            .iter()
+            .map(|sweep| {
+                let stations = (before, before + sweep.length());
+                before = stations.1;
+                (*sweep, visit(trajectory, stations, (now, horizon)))
+            })
+            .collect();
+        let grid = self.predictions(robust).blocked_during(&visits, &margins.moving_obstacles, fine_until);
         let ahead = |cell: usize| grid.intervals(cell).iter().map(|b| (b.from.max(now), b.to)).collect::<Vec<_>>();
         let stations = grid.stations().to_vec();
         let problem = SpeedProblem {
@@ -91,5 +99,65 @@ impl Planner<'_> {
             stations,
         };
         prove(&problem, &trajectory.profile).is_ok()
+    }
+}
+
+/// The times at which a trajectory is between two stations (m), within some times; where it ends there, up to the last one, s of the run. An
+/// interval of no length if it is not.
+fn visit(trajectory: &Trajectory, (from, to): (f64, f64), (now, horizon): (f64, f64)) -> (f64, f64) {
+    let (profile, begins) = (&trajectory.profile, trajectory.start_time);
+    let Some(enters) = first_time_at(profile, from - STATION_SLACK) else { return (now, now) };
+    let ends_inside = profile.last().station <= to + STATION_SLACK;
+    let leaves = if ends_inside { horizon } else { begins + last_time_at(profile, to + STATION_SLACK) };
+    let enters = (begins + enters).max(now);
+    (enters, leaves.max(enters))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::straight;
+    use crate::geometry::Pose;
+    use crate::trajectory::{SpeedKnot, SpeedProfile};
+
+    /// Accelerates, drives on, waits at 20 m and goes on to a stop at 30 m.
+    fn with_a_wait() -> Trajectory {
+        let knot = |time, station, speed, acceleration| SpeedKnot { time, station, speed, acceleration, jerk: 0.0 };
+        let knots = vec![
+            knot(0.0, 0.0, 4.0, 0.0),
+            knot(4.0, 16.0, 4.0, -2.0),
+            knot(6.0, 20.0, 0.0, 0.0),
+            knot(9.0, 20.0, 0.0, 2.0),
+            knot(11.0, 24.0, 4.0, -4.0 / 3.0),
+            knot(14.0, 30.0, 0.0, 0.0),
+        ];
+        let path = straight(Pose::new(0.0, 0.0, 0.0), 50.0);
+        Trajectory { start_time: 3.0, path, profile: SpeedProfile::new(knots).unwrap() }
+    }
+
+    /// At every time, the part of the path where the vehicle is has the time in its visit; at the end of the trajectory for ever.
+    #[test]
+    fn a_visit_contains_every_time_at_which_the_vehicle_is_there() {
+        const HORIZON: f64 = 40.0;
+        let trajectory = with_a_wait();
+        for now in [3.0, 5.0, 9.0, 13.0, 20.0] {
+            for (from, to) in
+                [(0.0, 4.0), (4.0, 16.0), (16.0, 20.0), (20.0, 24.0), (24.0, 30.0), (30.0, 34.0), (34.0, 50.0)]
+            {
+                let (enters, leaves) = visit(&trajectory, (from, to), (now, HORIZON));
+                let mut is_there = false;
+                for i in 0..=4000 {
+                    let time = now + (HORIZON - now) * f64::from(i) / 4000.0;
+                    let station = trajectory.at(time).station;
+                    if (from..=to).contains(&station) {
+                        is_there = true;
+                        assert!((enters..=leaves).contains(&time), "{from} {to} {time}: {enters} {leaves}");
+                    }
+                }
+                let is_stop = (from..=to).contains(&30.0);
+                assert!(!is_stop || leaves == HORIZON, "{from} {to}: {leaves}");
+                assert!(is_there || leaves - enters < 1e-2, "{from} {to} from {now}: {enters} {leaves}");
+            }
+        }
     }
 }

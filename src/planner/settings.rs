@@ -26,7 +26,7 @@ pub struct Settings {
     /// Factor on the cruise speed at emergency levels with more than the comfortable acceleration, so that the vehicle can
     /// clear a conflict zone.
     pub emergency_speed_factor: f64,
-    /// Maximum number of expansions in each phase of a speed search.
+    /// Maximum number of expansions of a speed search in each phase that looks for proofs; a fifth of it in the others.
     pub expansions: usize,
     /// Largest jerk of comfortable speed profiles, m/s³.
     pub jerk: f64,
@@ -227,7 +227,7 @@ impl Default for Settings {
                 EmergencyLimits { acceleration: 4.0, deceleration: 8.0 },
             ],
             emergency_speed_factor: 1.3,
-            expansions: 5_000,
+            expansions: 3_000,
             jerk: 1.8,
             time_gap: 0.8,
             rear_traffic: RearTraffic::default(),

@@ -70,6 +70,7 @@ pub use lattice::{Budget, ProofOrder};
 pub use outcome::{NoPlan, SpeedOutcome, SpeedPlan, SpeedState, Statistics};
 pub use problem::{ProblemError, SpeedProblem};
 pub use prove::{ProofViolation, prove};
+pub(crate) use prove::{first_time_at, last_time_at};
 
 /// A search method on the speed lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -111,6 +112,9 @@ pub fn search(
 ) -> Result<SpeedOutcome, ProblemError> {
     problem.validate()?;
     resolution.validate()?;
+    if let Some(why) = NoPlan::cannot_stop(problem).filter(|_| strategy != Strategy::Naive) {
+        return Ok(SpeedOutcome::NoPlan { why, statistics: Statistics::default() });
+    }
     let (plan, statistics, exhausted) = lattice::with(problem, strategy, resolution, |lattice| match strategy {
         Strategy::Naive => Some(naive::search(lattice)),
         Strategy::PlanToStop => plan_to_stop::search(lattice),
@@ -120,7 +124,9 @@ pub fn search(
     Ok(match plan {
         Some(plan) if strategy == Strategy::Naive => SpeedOutcome::Unproven { plan, statistics },
         Some(plan) => SpeedOutcome::Proven { plan, statistics },
-        None => SpeedOutcome::NoPlan { why: NoPlan::of(problem, exhausted), statistics },
+        None => {
+            SpeedOutcome::NoPlan { why: exhausted.map_or(NoPlan::NoSafeState, NoPlan::BudgetExhausted), statistics }
+        }
     })
 }
 
@@ -147,9 +153,12 @@ pub struct Resolution {
     pub time: f64,
     /// Duration of one waiting action at standstill, s.
     pub wait: f64,
-    /// Maximum number of expansions: in each of the three phases of SafeTLP (naive search, all proofs together,
-    /// exhaustive search), or in the whole search of the other strategies.
+    /// Maximum number of expansions: in each of the phases of SafeTLP (all proofs together, exhaustive search), or in the whole
+    /// search of the other strategies.
     pub expansions: usize,
+    /// Maximum number of expansions in the naive search of SafeTLP, and in the search from the root after proofs that have used up
+    /// theirs. If the naive search does not reach the last node, the farthest state replaces the partial goal.
+    pub exploration: usize,
     /// Memory limit of a search, bytes.
     pub memory: usize,
     /// Uses time bins even without moving obstacles, as in the paper's lattice.
@@ -165,6 +174,7 @@ impl Default for Resolution {
             time: 0.1,
             wait: 0.5,
             expansions: 20_000,
+            exploration: 20_000,
             memory: 64 << 20,
             always_timed: false,
             proof_order: ProofOrder::default(),

@@ -100,14 +100,11 @@ pub enum NoPlan {
 }
 
 impl NoPlan {
-    pub(super) fn of(problem: &SpeedProblem, exhausted: Option<Budget>) -> Self {
+    /// [`Self::CannotStop`], if the road is too short.
+    pub(super) fn cannot_stop(problem: &SpeedProblem) -> Option<Self> {
         let needed = problem.start_speed.powi(2) / (2.0 * problem.limits.aggressive_deceleration);
         let available = problem.end() - problem.stations.first().copied().unwrap_or_default();
-        match exhausted {
-            _ if needed > available + ROUNDING => Self::CannotStop { needed },
-            Some(budget) => Self::BudgetExhausted(budget),
-            None => Self::NoSafeState,
-        }
+        (needed > available + ROUNDING).then_some(Self::CannotStop { needed })
     }
 }
 

@@ -179,7 +179,7 @@ fn check_speed(
 }
 
 /// First time at which the profile reaches a station (m), s of the profile. `None` if it never does.
-pub(super) fn first_time_at(profile: &SpeedProfile, station: f64) -> Option<f64> {
+pub(crate) fn first_time_at(profile: &SpeedProfile, station: f64) -> Option<f64> {
     let knots = profile.knots();
     let after = knots.partition_point(|k| k.station < station - ON_NODE);
     let reached = knots.get(after)?;
@@ -188,7 +188,7 @@ pub(super) fn first_time_at(profile: &SpeedProfile, station: f64) -> Option<f64>
 }
 
 /// Last time at which the profile is at a station (m), s of the profile; its duration if it stops there.
-pub(super) fn last_time_at(profile: &SpeedProfile, station: f64) -> f64 {
+pub(crate) fn last_time_at(profile: &SpeedProfile, station: f64) -> f64 {
     let knots = profile.knots();
     let after = knots.partition_point(|k| k.station <= station + ON_NODE);
     match knots.get(after) {

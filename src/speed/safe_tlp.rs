@@ -9,8 +9,8 @@
 //!    safe state is reachable from them. So the naive search expands a state at most once, and all other searches
 //!    together at most once: the bound of Theorem 2 includes the naive search.
 //!
-//! If the naive search cannot reach the last node, for example behind a stopped obstacle, its farthest state replaces
-//! the partial goal. [`super::ProofOrder`] sets the expansion order of the proofs; Theorems 1 and 2 hold for any order.
+//! If the naive search cannot reach the last node, for example behind a stopped obstacle, or not with its budget, its farthest
+//! state replaces the partial goal. [`super::ProofOrder`] sets the expansion order of the proofs; Theorems 1 and 2 hold for any order.
 
 use super::SpeedPlan;
 use super::lattice::{Lattice, NO_PARENT, Phase};
@@ -18,9 +18,11 @@ use super::lattice::{Lattice, NO_PARENT, Phase};
 /// A proven plan. `None` if no safe state is reachable or a budget is exhausted.
 pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
     // line 1: potentially unsafe trajectory to a partial goal
-    let last = super::naive::explore(lattice);
+    let last = super::naive::explore(lattice, lattice.resolution.exploration);
     // lines 2–9: proofs from its last state backwards, one closed list for all of them
     lattice.clear_closed();
+    // an exploration may end anywhere
+    lattice.exhausted = None;
     let mut budget = lattice.resolution.expansions;
     let mut current = last;
     while current != NO_PARENT {
@@ -33,11 +35,13 @@ pub(super) fn search(lattice: &mut Lattice<'_>) -> Option<SpeedPlan> {
         }
         current = lattice.parent(current);
     }
-    // line 10: search from the root. States that an unfinished proof has closed may still lead to a safe state
-    if lattice.exhausted.is_some() {
-        lattice.clear_closed();
-    }
+    // line 10: search from the root. States that an unfinished proof has closed may still lead to a safe state; where proofs are that
+    // far, it seldom finds one
     let mut budget = lattice.resolution.expansions;
+    if lattice.exhausted.take().is_some() {
+        lattice.clear_closed();
+        budget = budget.min(lattice.resolution.exploration);
+    }
     prove_stop(lattice, 0, &mut budget).map(|safe| lattice.plan_to(safe, 0))
 }
 

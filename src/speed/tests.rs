@@ -92,6 +92,31 @@ fn exhausted_budget_is_named() {
 }
 
 #[test]
+fn a_road_too_short_to_stop_on_needs_no_search() {
+    for strategy in [Strategy::PlanToStop, Strategy::SafeTlp, Strategy::SafeRts] {
+        let outcome = search(&empty_road(22.0, 10.0), strategy, &Resolution::default()).unwrap();
+        assert_eq!((outcome.code(), outcome.statistics().expansions), ("cannot_stop", 0));
+    }
+    let naive = search(&empty_road(22.0, 10.0), Strategy::Naive, &Resolution::default()).unwrap();
+    assert_eq!(naive.code(), "unproven", "it asks for no stop");
+}
+
+/// With few expansions, the exploration ends early on the road. A proof from there is a proof, and a complete search that finds none has
+/// found that there is none.
+#[test]
+fn an_exploration_that_ends_early_is_no_exhausted_search() {
+    let short = Resolution { exploration: 5, ..Resolution::default() };
+    let free = empty_road(100.0, 3.0);
+    let (near, far) = [short, Resolution::default()]
+        .map(|resolution| search(&free, Strategy::SafeTlp, &resolution).unwrap().proven().unwrap())
+        .into();
+    assert!(near.proof_starts <= 6 && far.proof_starts > 60, "{} {}", near.proof_starts, far.proof_starts);
+    let mut hopeless = empty_road(30.0, 10.0);
+    hopeless.stopping_allowed.fill(false);
+    assert_eq!(search(&hopeless, Strategy::SafeTlp, &short).unwrap().code(), "no_safe_state");
+}
+
+#[test]
 fn safe_rts_keeps_its_budget_and_gets_farther_with_a_larger_one() {
     let problem = empty_road(100.0, 3.0);
     let mut before = 0;

@@ -32,46 +32,62 @@ pub(super) struct Division<'a> {
     pub(super) margins: &'a Margins,
     /// The blocked cells of the sweep.
     pub(super) coarse: &'a CellRuns,
-    /// The slices that count.
-    pub(super) slices: Range<usize>,
+}
+
+/// The subcells of a station cell.
+#[derive(Debug, Clone)]
+pub(super) struct Subcells {
+    /// Station of the end of each, m from the start of the sweep; equal neighbours are one.
+    ends: Vec<(f64, usize)>,
+    runs: CellRuns,
+}
+
+impl Subcells {
+    /// The station of the end of each subcell (m from the start of the sweep) with its runs of sub-slices.
+    pub(super) fn runs(&self) -> impl Iterator<Item = (f64, &[Run])> {
+        self.ends.iter().map(|(end, subcell)| (*end, self.runs.of(*subcell)))
+    }
+}
+
+impl Predictions {
+    /// Number of sub-slices in a slice.
+    fn sub_slices(&self) -> usize {
+        index((self.slice / FINE_SLICE - TIME_SLACK).ceil()).max(1)
+    }
+
+    /// The start of a sub-slice, s.
+    pub(super) fn sub_slice_time(&self, i: usize) -> f64 {
+        let count = self.sub_slices();
+        (i / count) as f64 * self.slice + (i % count) as f64 * (self.slice / count as f64)
+    }
 }
 
 impl Division<'_> {
-    /// Visits the subcells of a station cell: the station of the end of each (m from the start of the sweep), its runs of
-    /// sub-slices, and the start times of sub-slices (s).
-    pub(super) fn of(&self, cell: usize, mut visit: impl FnMut(f64, &[Run], &dyn Fn(usize) -> f64)) {
-        let (subcells, count) = (self.sweep.subcells(cell), self.per_slice());
-        let slice = self.predictions.slice;
-        let time = |i: usize| (i / count) as f64 * slice + (i % count) as f64 * (slice / count as f64);
-        let runs = self.runs(cell, &subcells, &time);
+    /// The subcells of a station cell in some slices.
+    pub(super) fn of(&self, cell: usize, slices: &Range<usize>) -> Subcells {
+        let subcells = self.sweep.subcells(cell);
+        let runs = self.runs(cell, &subcells, slices);
         let ends = subcells.iter().skip(1).map(|next| next.station).chain([self.sweep.grid_stations()[cell + 1]]);
-        for (i, end) in ends.enumerate() {
-            // equal neighbours are one cell
-            if i + 1 == subcells.len() || runs.of(i) != runs.of(i + 1) {
-                visit(end, runs.of(i), &time);
-            }
-        }
-    }
-
-    /// Number of sub-slices in a slice.
-    fn per_slice(&self) -> usize {
-        index((self.predictions.slice / FINE_SLICE - TIME_SLACK).ceil()).max(1)
+        let is_last_of_equal = |i: usize| i + 1 == subcells.len() || runs.of(i) != runs.of(i + 1);
+        let ends = ends.enumerate().filter(|(i, _)| is_last_of_equal(*i)).map(|(i, end)| (end, i)).collect();
+        Subcells { ends, runs }
     }
 
     /// The runs of the subcells, in sub-slices.
-    fn runs(&self, cell: usize, subcells: &[Subcell], time: &dyn Fn(usize) -> f64) -> CellRuns {
-        let (first, count) = (self.slices.start, self.per_slice());
+    fn runs(&self, cell: usize, subcells: &[Subcell], slices: &Range<usize>) -> CellRuns {
+        let (first, count) = (slices.start, self.predictions.sub_slices());
+        let time = |i: usize| self.predictions.sub_slice_time(i);
         let mut shapes: Vec<_> = subcells.iter().map(|s| self.sweep.subcell_corners(s, self.margins)).collect();
         let boxes: Vec<_> = shapes.iter().map(|shape| shape.aabb()).collect();
-        let mut bits = SliceBits::new(shapes.len(), count * self.slices.len());
+        let mut bits = SliceBits::new(shapes.len(), count * slices.len());
         let Some(around) = boxes.iter().copied().reduce(|a, b| merged(&a, &b)) else { return bits.runs(0) };
         let within = |slice: usize| count * (slice - first)..count * (slice + 1 - first);
         let is_inside = |slice: usize| {
             let before = cell.checked_sub(1).and_then(|before| self.coarse.track_at(before, slice));
             before.is_some() && self.coarse.track_at(cell + 1, slice).is_some()
         };
-        let mut is_tested = vec![false; self.slices.len()];
-        for slice in self.slices.clone() {
+        let mut is_tested = vec![false; slices.len()];
+        for slice in slices.clone() {
             let Some(track) = self.coarse.track_at(cell, slice) else { continue };
             is_tested[slice - first] = !is_inside(slice);
             if is_inside(slice) {
@@ -85,7 +101,7 @@ impl Division<'_> {
             let track = &self.predictions.tracks[chunk.track];
             for i in chunk.slices.clone() {
                 let slice = track.first + i;
-                if !self.slices.contains(&slice) || !is_tested[slice - first] {
+                if !slices.contains(&slice) || !is_tested[slice - first] {
                     continue;
                 }
                 let mut regions = None;

@@ -428,3 +428,54 @@ fn plan(problem: &SpeedProblem) -> Option<SpeedProfile> {
     assert_eq!(prove(problem, &profile), Ok(()));
     Some(profile)
 }
+
+/// A vehicle that crosses a straight path of 60 m or drives along it.
+fn traffic() -> impl Generator<Value = Predicted> {
+    (predicted(), 0.0..60.0f64, -8.0..8.0f64).prop_map(|(predicted, x, y)| {
+        let from = Pose::new(x, y, predicted.from.yaw);
+        Predicted { from, ..predicted }
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// A sweep that has answered with wider and with other margins before answers as a new one, coarsely and finely, from any time on.
+    #[test]
+    fn what_a_sweep_keeps_changes_no_answer(
+        one in traffic(), other in traffic(), from in 0.0..3.0f64,
+        queries in prop::collection::vec((0.0..0.6f64, 0.0..0.6f64, prop_oneof![Just(0.0), Just(40.0)]), 1..8),
+    ) {
+        let world = world(vec![one.obstacle(), Obstacle { id: 8, ..other.obstacle() }]);
+        let sweep = || world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
+        let used = sweep();
+        for (lateral, longitudinal, fine_until) in queries {
+            let margins = Margins { lateral, longitudinal };
+            let times = (from, DURATION);
+            let found = world.predictions().blocked_finely(&[&used], &margins, times, fine_until);
+            let fresh = world.predictions().blocked_finely(&[&sweep()], &margins, times, fine_until);
+            prop_assert_eq!(found, fresh);
+        }
+    }
+
+    /// What blocks a sweep while it is visited is the same as of all that blocks it.
+    #[test]
+    fn a_visit_sees_what_blocks_the_sweep_then(
+        one in traffic(), from in 0.0..5.0f64, lasts in 0.0..3.0f64, has_answered in any::<bool>(),
+    ) {
+        let world = world(vec![one.obstacle()]);
+        let sweep = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
+        let margins = margins().moving_obstacles;
+        let other = world.sweep(&Pose::new(0.0, 0.0, 0.0), &crate::geometry::spiral::CubicSpiral::straight(60.0));
+        if has_answered {
+            let _ = world.predictions().blocked(&[&sweep], &margins, 0.0, DURATION);
+        }
+        let visit = world.predictions().blocked_during(&[(&sweep, (from, from + lasts))], &margins, 0.0);
+        let all = world.predictions().blocked(&[&other], &margins, 0.0, DURATION);
+        prop_assert_eq!(visit.stations(), all.stations());
+        for (cell, i) in (0..all.cells()).flat_map(|cell| (0..=10).map(move |i| (cell, i))) {
+            let time = (from + 0.1 * f64::from(i) * lasts).min(DURATION);
+            prop_assert_eq!(visit.is_blocked(cell, time, time), all.is_blocked(cell, time, time));
+        }
+    }
+}
