@@ -355,6 +355,23 @@ fn a_stopped_vehicle_waits_for_the_time_window_of_its_goal() {
     assert!((last.time - 40.0).abs() < 0.02 && last.speed.abs() < 0.05, "{last:?}");
 }
 
+/// The window opens long after the vehicle can be there: it stops in the goal, on a road that goes on, and not in front of it.
+#[test]
+fn a_goal_that_opens_much_later_is_waited_for_inside() {
+    let (mut scenario, vehicle) = (with_goal_at(straight(), 40.0, 0.0, 3.0), car());
+    let goal = &mut scenario.problems[0].goals[0];
+    (goal.speed, goal.yaw) = (None, None);
+    goal.time = Interval { min: 50.0, max: 51.0 };
+    let run = driven(&scenario, &vehicle);
+    assert_eq!((run.outcome, failures(&run)), (Outcome::GoalReached, vec![]));
+    let stands = run.log.samples.iter().find(|s| s.time > 1.0 && s.speed < 0.01).unwrap();
+    assert!(stands.time < 20.0, "it stands from {} s on", stands.time);
+    // the twin asks for a speed: nobody waits there
+    scenario.problems[0].goals[0].speed = Some(Interval { min: 2.0, max: 9.0 });
+    let run = driven(&scenario, &vehicle);
+    assert_eq!(failures(&run), ["goal"]);
+}
+
 /// A stop with all that brakes and tyres give is no proven stop, in any cycle before standstill, even if it succeeds.
 #[test]
 fn a_wall_within_the_stopping_distance_leaves_every_moving_cycle_unproven() {

@@ -37,7 +37,8 @@ impl Situation<'_> {
     /// The speed with which the vehicle is not too early at the goal, under the speed limits of the nodes of a path (m/s); infinite if no
     /// speed is. `far`: station of the path at which it leaves the goal, m.
     pub(super) fn speed_for_window(&self, stations: &[f64], limits: &[f64], far: f64) -> f64 {
-        let Some(duration) = self.goal.and_then(|goal| goal.time_in_front(self.station, self.time)) else {
+        let goal = self.goal.filter(|goal| !self.waits_in(goal));
+        let Some(duration) = goal.and_then(|goal| goal.time_in_front(self.station, self.time)) else {
             return f64::INFINITY;
         };
         let is_early = |speed: f64| self.driving_time(stations, limits, far, speed) < duration;

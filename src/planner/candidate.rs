@@ -323,9 +323,16 @@ impl Situation<'_> {
         self.speed * self.speed / (2.0 * self.proof_deceleration)
     }
 
+    /// Whether the vehicle is so early at a goal that permits a standstill that it waits in it until its time window opens.
+    pub(super) fn waits_in(&self, goal: &GoalOnLane) -> bool {
+        let time = goal.time_in_front(self.station, self.time);
+        let is_early = time.is_some_and(|time| goal.far - self.station < SLOWEST_APPROACH * time);
+        is_early && goal.speed.0 <= 0.0 && self.may_stop(goal.stop_station())
+    }
+
     /// Station of a stop in the goal, or the last one before the goal is missed, m on the reference line.
     fn goal_stop(&self) -> Option<(f64, Cause)> {
-        let stop = self.goal.filter(GoalOnLane::is_stop).map(|goal| {
+        let stop = self.goal.filter(|goal| goal.is_stop() || self.waits_in(goal)).map(|goal| {
             // inside the goal, at the earliest comfortable station
             (self.station + self.comfortable_stop()).max(goal.stop_station()).min(goal.far)
         });
@@ -544,6 +551,8 @@ const CHECK_STEP: f64 = 1.0;
 const LONG_WAIT: f64 = 2.0;
 /// Horizon of the `travel_time` cost, s.
 pub(super) const TRAVEL_TIME_HORIZON: f64 = 6.0;
+/// Slowest approach to a goal whose time window has not opened yet, m/s: a vehicle that would have to be slower drives there and waits.
+const SLOWEST_APPROACH: f64 = 1.0;
 /// Shorter cells are dropped, m.
 const MIN_CELL: f64 = 0.02;
 /// Fraction of the steering rate that plans aim at; the tracking controller has the remainder.
