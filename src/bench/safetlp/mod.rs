@@ -137,6 +137,7 @@ impl Method {
         Resolution {
             time: settings.time_bin,
             expansions,
+            exploration: expansions,
             memory: settings.memory,
             always_timed: !matches!(self, Self::PlanToStopTimeless | Self::SafeTlpPlanner),
             proof_order: match self {
