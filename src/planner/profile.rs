@@ -44,18 +44,21 @@ impl Planner<'_> {
         choice: Choice,
         record: &mut CycleRecord,
     ) -> WithProfile {
-        let (mut gentlest, mut choice) = (level, choice);
+        let mut best = self.smoothed(start, level, choice, record);
         let (mut too_low, mut severity) = (0.0, 1.0);
         while level.is_emergency() && severity - too_low > SEVERITY_STEP {
             let less = f64::midpoint(too_low, severity);
             let gentle = level.with_severity(less, &self.vehicle.comfort);
-            let found = self.evaluated_again(start, &gentle, &choice, record);
+            let found = self.evaluated_again(start, &gentle, &best.choice, record);
             match found.and_then(|choice| self.accepted(start, &gentle, None, choice).ok()) {
-                Some(found) => (severity, gentlest, choice) = (less, gentle, found),
+                Some(choice) => {
+                    severity = less;
+                    best = self.smoothed(start, gentle, choice, record);
+                }
                 None => too_low = less,
             }
         }
-        self.smoothed(start, gentlest, choice, record)
+        best
     }
 
     /// The choice with its final speed profile: the jerk-limited one if it passes reverification and its tube is free, else the raw
