@@ -135,7 +135,7 @@ mod tests {
         Trajectory { start_time: 3.0, path, profile: SpeedProfile::new(knots).unwrap() }
     }
 
-    /// At every time, the part of the path where the vehicle is has the time in its visit; at the end of the trajectory for ever.
+    /// At every time, the part of the path where the vehicle is has the time in its visit; at the end of the trajectory it is open to the horizon.
     #[test]
     fn a_visit_contains_every_time_at_which_the_vehicle_is_there() {
         const HORIZON: f64 = 40.0;
