@@ -384,6 +384,13 @@ mod tests {
         });
     }
 
+    /// Full braking and the turning of a straight path use the grip up.
+    #[test]
+    fn braking_on_a_straight_path_leaves_the_grip_to_keep_straight() {
+        let used = STRAIGHT_SHARE.hypot(crate::vehicle::TrackingTube::STRAIGHT_USE);
+        assert!((0.9995..=1.0).contains(&used), "{used}");
+    }
+
     #[test]
     fn the_search_finds_no_profile_that_its_proof_refuses() {
         let (mut proven, mut emergencies) = (0, 0);

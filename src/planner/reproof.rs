@@ -21,6 +21,8 @@ use crate::vehicle::State;
 const ACCELERATION_SLACK: f64 = 1e-9;
 /// Tolerance of stations, m: that of the proof.
 const STATION_SLACK: f64 = 1e-3;
+/// What a visit is longer on both sides, m: the proof looks at the cells on both sides of a node that is within its tolerance.
+const VISIT_SLACK: f64 = 2.0 * STATION_SLACK;
 
 impl Planner<'_> {
     /// Proves the rest of the committed plan for what is known now, and sets its level accordingly.
@@ -102,13 +104,13 @@ impl Planner<'_> {
     }
 }
 
-/// The times at which a trajectory is between two stations (m), within some times; where it ends there, up to the last one, s of the run. An
-/// interval of no length if it is not.
+/// The times at which a trajectory is between two stations (m), from now to the horizon, s of the run; up to the horizon where it ends there, and
+/// an interval of no length where it never is.
 fn visit(trajectory: &Trajectory, (from, to): (f64, f64), (now, horizon): (f64, f64)) -> (f64, f64) {
     let (profile, begins) = (&trajectory.profile, trajectory.start_time);
-    let Some(enters) = first_time_at(profile, from - STATION_SLACK) else { return (now, now) };
-    let ends_inside = profile.last().station <= to + STATION_SLACK;
-    let leaves = if ends_inside { horizon } else { begins + last_time_at(profile, to + STATION_SLACK) };
+    let Some(enters) = first_time_at(profile, from - VISIT_SLACK) else { return (now, now) };
+    let ends_inside = profile.last().station <= to + VISIT_SLACK;
+    let leaves = if ends_inside { horizon } else { begins + last_time_at(profile, to + VISIT_SLACK) };
     let enters = (begins + enters).max(now);
     (enters, leaves.max(enters))
 }
@@ -135,7 +137,7 @@ mod tests {
         Trajectory { start_time: 3.0, path, profile: SpeedProfile::new(knots).unwrap() }
     }
 
-    /// At every time, the part of the path where the vehicle is has the time in its visit; at the end of the trajectory it is open to the horizon.
+    /// Each time is in the visit of the part of the path where the vehicle is then; the visit of its stop lasts to the horizon.
     #[test]
     fn a_visit_contains_every_time_at_which_the_vehicle_is_there() {
         const HORIZON: f64 = 40.0;
