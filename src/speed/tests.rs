@@ -111,9 +111,17 @@ fn an_exploration_that_ends_early_is_no_exhausted_search() {
         .map(|resolution| search(&free, Strategy::SafeTlp, &resolution).unwrap().proven().unwrap())
         .into();
     assert!(near.proof_starts <= 6 && far.proof_starts > 60, "{} {}", near.proof_starts, far.proof_starts);
-    let mut hopeless = empty_road(30.0, 10.0);
-    hopeless.stopping_allowed.fill(false);
-    assert_eq!(search(&hopeless, Strategy::SafeTlp, &short).unwrap().code(), "no_safe_state");
+    // it may stand at the end only; the gaps in the last cell but one are too short for a vehicle that stops behind it
+    let mut hopeless = empty_road(6.0, 3.0);
+    hopeless.horizon = 8.0;
+    let last = hopeless.cells();
+    hopeless.stopping_allowed[..last].fill(false);
+    hopeless.blocked[last - 2] = (0..200).map(|i| (f64::from(i), f64::from(i) + 0.8)).collect();
+    let [early, whole] =
+        [short, Resolution::default()].map(|resolution| search(&hopeless, Strategy::SafeTlp, &resolution).unwrap());
+    assert_eq!((early.code(), whole.code()), ("no_safe_state", "no_safe_state"));
+    let expansions = [early, whole].map(|outcome| outcome.statistics().expansions);
+    assert!(expansions[0] > 100 && expansions[0] <= expansions[1], "{expansions:?}");
 }
 
 #[test]
