@@ -232,3 +232,24 @@ fn the_speed_for_a_time_window_makes_up_for_slow_stretches() {
     let behind = place.situation(101.0, Some(goal(12.0)), &[]);
     assert_eq!(behind.speed_for_window(&stations, &slow(6.0), 0.0), f64::INFINITY);
 }
+
+/// A straight path may brake harder than one that turns within the stopping distance, to either side; a bend beyond it does not count.
+#[test]
+fn only_a_straight_path_leaves_the_grip_to_the_brakes() {
+    let place = Place::on(network([straight_lanelet(1, (0.0, 200.0), -20.0, 20.0)]), &[1]);
+    let situation = Situation { straight_deceleration: 8.0, ..place.situation(5.0, None, &[]) };
+    // 8 m/s: 5.3 m at 6 m/s²
+    let bend =
+        |from: f64, curvature: f64| [CubicSpiral::straight(from), CubicSpiral { knots: [curvature; 4], length: 25.0 }];
+    for (spirals, hardest) in [
+        ([CubicSpiral::straight(10.0), CubicSpiral::straight(25.0)], 8.0),
+        (bend(3.0, 0.03), 6.0),
+        (bend(3.0, -0.03), 6.0),
+        (bend(10.0, 0.03), 8.0),
+    ] {
+        let Evaluation::Proven(proven) = situation.evaluate(&place.path(Pose::new(5.0, 0.0, 0.0), &spirals)) else {
+            panic!("no proof: {spirals:?}")
+        };
+        assert_eq!(proven.hardest_deceleration(), hardest, "{spirals:?}");
+    }
+}
